@@ -1,0 +1,42 @@
+# Handrail: `make demo` turns the valve, `make test` runs all tests. Both set up whatever is missing.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.ready
+ARGS ?=
+
+.PHONY: demo test soak setup lint format lock clean help
+
+help:            ## this text
+	@sed -n 's/^\([a-z]*\): .*## /  make \1: /p' $(MAKEFILE_LIST)
+
+demo: $(STAMP)   ## the whole stack turns a valve: make demo ARGS="--view --seeds 3"
+	$(BIN)/handrail demo $(ARGS)
+
+test: $(STAMP)   ## lint, types, floors and every test (under 15 minutes on 2 cores)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -m "not soak" $(ARGS)
+
+soak: $(STAMP)   ## what takes longer: twenty seeds, hours
+	$(BIN)/python -m pytest -m soak $(ARGS)
+
+setup: $(STAMP)  ## only set up: system packages, the venv from the lock file, warm compiled kernels
+
+$(STAMP): requirements.lock pyproject.toml tools/setup.sh
+	PYTHON=$(PYTHON) VENV=$(VENV) bash tools/setup.sh
+	touch $@
+
+lint: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lock: $(STAMP)   ## write requirements.lock anew from pyproject.toml
+	$(BIN)/python -m pip install -q uv
+	$(BIN)/uv pip compile pyproject.toml --all-extras --python-version 3.11 --generate-hashes --no-header \
+	  --no-emit-index-url --annotation-style line --upgrade -q -o requirements.lock
+
+clean:           ## remove the environment and everything that was made
+	rm -rf $(VENV) demo_output .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,66 @@
+"""What a joint is to everything above the bus: arrays with one row a joint, SI units, whatever carries them."""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+
+
+class Mode(enum.IntEnum):
+    """What a drive does with its set-point; two bits of a command frame."""
+
+    DAMPING = 0
+    """torque = −damping · velocity"""
+    TORQUE = 1
+    """spring torque follows `torque`"""
+    IMPEDANCE = 2
+    """torque + stiffness (position − q) + damping (velocity − q̇)"""
+    POSITION = 3
+    """the drive's own position loop"""
+
+
+class JointState:
+    """What was last measured. All arrays have shape (n,)."""
+
+    def __init__(self, n: int):
+        self.position = np.zeros(n)
+        """rad, at the joint"""
+        self.velocity = np.zeros(n)
+        """rad/s"""
+        self.torque = np.zeros(n)
+        """N·m, of the drive's spring"""
+        self.temperature = np.zeros(n)
+        """°C"""
+        self.status = np.zeros(n, np.uint16)
+        """CiA 402 statusword (hal.drives.lifecycle)"""
+        self.error = np.zeros(n, np.uint8)
+        """drive family's error code, 0: none"""
+        self.sequence = np.zeros(n, np.uint8)
+        """sequence number of the command that this answers"""
+        self.age = np.full(n, 1 << 30, np.int64)
+        """cycles since the last valid reply"""
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+
+class JointCommand:
+    """What is about to be written. All arrays have shape (n,)."""
+
+    def __init__(self, n: int):
+        self.position = np.zeros(n)
+        """rad"""
+        self.velocity = np.zeros(n)
+        """rad/s"""
+        self.torque = np.zeros(n)
+        """N·m, feed-forward"""
+        self.stiffness = np.zeros(n)
+        """N·m/rad"""
+        self.damping = np.zeros(n)
+        """N·m·s/rad"""
+        self.mode = np.zeros(n, np.uint8)
+        """Mode"""
+
+    def __len__(self) -> int:
+        return len(self.position)

@@ -1,0 +1,62 @@
+"""The command `handrail`. Thin: each verb is an entry point of the package that owns the work, imported when it is called."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import entry_points
+
+import typer
+
+_HELP = """Supervised robot manipulation, from an operator's tablet to the joint's controller.
+
+Start here:
+
+  handrail demo                      the whole stack turns a valve, and a judge looks
+
+  handrail up talos_upper --scene valve    start a simulated robot and leave it running
+
+  handrail tablet                    the operator's window, on the robot that is up
+
+  handrail stop                      stop the robot now (works when everything else hangs)
+"""
+
+_VERBS = {
+    "up": "Start a robot's service: plant (if simulated), daemon, engine and link.",
+    "stop": "Operator stop over the local socket; --clear unlatches it.",
+    "demo": "Turn a valve with the whole stack and judge it by the plant's ground truth.",
+    "tablet": "Open the operator's window.",
+    "can": "The CAN bus: dump what is on it.",
+    "program": "Check or run a program of the library.",
+}
+
+
+def main() -> None:
+    """Run `handrail`; exits with the verb's status."""
+    verbs = {point.name: point for point in entry_points(group="handrail.verbs")}
+    arguments = sys.argv[1:]
+    app = typer.Typer(help=_HELP, no_args_is_help=True, rich_markup_mode="markdown", add_completion=False)
+    asked = next((word for word in arguments if not word.startswith("-")), None)
+    for name, short in _VERBS.items():
+        point = verbs.get(name)
+        if point is None:
+            continue
+        if name != asked:
+            # Listed without importing what it needs: help stays instant.
+            app.command(name, help=short)(lambda: None)
+            continue
+        try:
+            loaded = point.load()
+        except ModuleNotFoundError as error:
+            sys.exit(
+                f"handrail {name} needs the package {error.name}: install handrail with the extra that has it "
+                f"(robot, sim or tablet), e.g. pip install 'handrail[robot,sim,tablet]'"
+            )
+        if isinstance(loaded, typer.Typer):
+            app.add_typer(loaded, name=name, help=short)
+        else:
+            app.command(name)(loaded)
+    app()
+
+
+if __name__ == "__main__":
+    main()

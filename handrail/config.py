@@ -1,0 +1,115 @@
+"""YAML files read into typed structs, with errors that name file, line, field, value and expectation."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError
+
+_T = TypeVar("_T")
+
+
+class ConfigError(ValueError):
+    """A file that can't be used. `str()` is one line for people: ``FILE:LINE: field: problem``."""
+
+    def __init__(self, file: Path | str, line: int | None, field: str, problem: str):
+        self.file, self.line, self.field, self.problem = str(file), line, field, problem
+        where = f"{file}:{line}" if line else str(file)
+        super().__init__(f"{where}: {field}: {problem}" if field else f"{where}: {problem}")
+
+
+@dataclass(frozen=True)
+class Document:
+    """A parsed YAML file that remembers where each field stood."""
+
+    file: Path
+    data: CommentedMap
+
+    def line(self, path: str) -> int | None:
+        """The line (from 1) of the field at a dotted path such as ``states.reach.with.plan`` or ``limbs[2].joints``."""
+        node: Any = self.data
+        line: int | None = None
+        for part in re.findall(r"[^.\[\]]+", path):
+            if isinstance(node, CommentedMap) and part in node:
+                line, node = node.lc.key(part)[0] + 1, node[part]
+            elif isinstance(node, CommentedSeq) and part.isdigit() and int(part) < len(node):
+                line, node = node.lc.item(int(part))[0] + 1, node[int(part)]
+            else:
+                break
+        return line
+
+    def error(self, field: str, problem: str) -> ConfigError:
+        """An error about a field of this file."""
+        return ConfigError(self.file, self.line(field), field, problem)
+
+    def convert(self, kind: type[_T], path: str = "") -> _T:
+        """The document (or the part at `path`) as `kind`, a msgspec struct. Raises ConfigError."""
+        node: Any = self.data
+        for part in re.findall(r"[^.\[\]]+", path):
+            node = node[int(part) if isinstance(node, list) else part]
+        try:
+            return msgspec.convert(_plain(node), kind)
+        except msgspec.ValidationError as error:
+            text, _, where = str(error).partition(" - at `$")
+            field = where.rstrip("`").lstrip(".")
+            field = f"{path}.{field}".strip(".") if path else field
+            field = self._named(field)
+            missing = re.search(r"required field `([^`]+)`", text)
+            if missing:
+                field = f"{field}.{missing[1]}".lstrip(".")
+            unknown = re.search(r"unknown field `([^`]+)`", text)
+            if unknown:
+                field = f"{field}.{unknown[1]}".lstrip(".")
+            raise ConfigError(self.file, self.line(field), field, f"{text}{self._shown(field)}") from error
+
+    def _named(self, field: str) -> str:
+        # msgspec shows map keys as `[...]`: find the one whose value fails.
+        return field.replace("[...]", "")
+
+    def _shown(self, field: str) -> str:
+        node: Any = self.data
+        for part in re.findall(r"[^.\[\]]+", field):
+            if isinstance(node, CommentedMap) and part in node:
+                node = node[part]
+            elif isinstance(node, CommentedSeq) and part.isdigit() and int(part) < len(node):
+                node = node[int(part)]
+            else:
+                return ""
+        return "" if isinstance(node, dict | list) else f"; got {node!r}"
+
+
+def _plain(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {str(key) if not isinstance(key, str) else key: _plain(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_plain(value) for value in node]
+    if isinstance(node, bool | type(None)):
+        return node
+    for kind in (int, float, str):  # ruamel's scalar types remember their spelling; msgspec wants the plain ones
+        if isinstance(node, kind):
+            return kind(node)
+    return node
+
+
+def read(file: Path | str) -> Document:
+    """Parse a YAML file (1.2, no tags that build objects). Raises ConfigError with file and line."""
+    file = Path(file)
+    yaml = YAML(typ="rt")
+    try:
+        data = yaml.load(file.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(file, None, "", "no such file") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(file, None, "", f"can't be read: {error}") from error
+    except MarkedYAMLError as error:
+        mark = error.problem_mark
+        raise ConfigError(file, mark.line + 1 if mark else None, "", f"not YAML: {error.problem}") from error
+    if not isinstance(data, CommentedMap):
+        raise ConfigError(file, 1, "", f"expected a mapping at the top, got {type(data).__name__}")
+    return Document(file, data)

@@ -1,0 +1,728 @@
+"""Every message that crosses a process, as typed structs in MessagePack.
+
+SI units, radians, integer nanoseconds of the robot's clock. A pose is position and quaternion (x, y, z, w); a name says its
+frame. Each type states in ``spec`` how it travels: its priority (0 first), whether it is reliable or latest-value, and which
+field makes a newer message supersede an older one. Any MessagePack reader can read them: a struct is a map with its type's
+name under ``type``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+Name = Annotated[str, Meta(min_length=1, max_length=128)]
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+
+
+@dataclass(frozen=True)
+class Spec:
+    """How a message travels."""
+
+    priority: int = 5
+    """0 is first: stop 0, commands 1, prompts and run states 2, robot state 4, logs 7."""
+    reliable: bool = True
+    """False: latest value only; an older one still unsent is dropped."""
+    superseded_by: tuple[str, ...] = ()
+    """A newer message of this type with the same values in these fields replaces this one (latest-value streams)."""
+    remote: bool = False
+    """True: may enter or leave through the link."""
+
+
+_SPECS: dict[type, Spec] = {}
+_M = TypeVar("_M", bound=type)
+
+
+def _travels(
+    *, priority: int, reliable: bool = True, superseded_by: tuple[str, ...] = (), remote: bool = False
+) -> Callable[[_M], _M]:
+    def note(kind: _M) -> _M:
+        _SPECS[kind] = Spec(priority, reliable, superseded_by, remote)
+        return kind
+
+    return note
+
+
+def spec(kind: type) -> Spec:
+    """How messages of this type travel."""
+    return _SPECS[kind]
+
+
+class Message(msgspec.Struct, tag_field="type", tag=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all messages."""
+
+    Reply: ClassVar[Any] = None
+    """For calls: the type of the answer (None: an empty answer)."""
+
+
+# --------------------------------------------------------------------------------------------------------------- geometry
+
+
+class Pose(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """position m, orientation unit quaternion (x, y, z, w)."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+# ------------------------------------------------------------------------------------------------------ daemon: state out
+
+
+@_travels(priority=4, reliable=False, superseded_by=("type",), remote=True)
+class RobotState(Message):
+    """The robot at one cycle. Arrays have one row a joint, in the order of RobotInfo.joints."""
+
+    time_ns: int
+    cycle: int
+    position: list[float]
+    """rad, measured at the joint"""
+    velocity: list[float]
+    """rad/s"""
+    torque: list[float]
+    """N·m, the drive's spring"""
+    command: list[float]
+    """rad, what the drives were last commanded to hold or follow"""
+    external_force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """N, world frame, estimated at the tool of the active action (zero without one)"""
+
+
+class DriveStatus(msgspec.Struct, kw_only=True):
+    """One joint's drive."""
+
+    joint: str
+    state: str
+    """CiA 402 state, e.g. operation_enabled"""
+    error: int = 0
+    temperature: float = 0.0
+    """°C"""
+
+
+class LoopStatistics(msgspec.Struct, kw_only=True):
+    """Counted since the loop started."""
+
+    cycles: int = 0
+    misses: int = 0
+    """periods skipped because a cycle overran (wall clock)"""
+    stale_replies: int = 0
+    """drive replies that did not arrive in their cycle"""
+    crc_errors: int = 0
+    work_p50_us: float = 0.0
+    work_p99_us: float = 0.0
+    late_p50_us: float = 0.0
+    late_p99_us: float = 0.0
+    limited: int = 0
+    """cycles in which the final limits changed a command"""
+
+
+class BusStatistics(msgspec.Struct, kw_only=True):
+    """One CAN bus, as the daemon sees it."""
+
+    channel: str
+    frames_sent: int = 0
+    frames_received: int = 0
+    load: float = 0.0
+    """share of the bus's time in use, 0..1, over the last second of the robot's clock"""
+
+
+@_travels(priority=3, reliable=False, superseded_by=("type",), remote=True)
+class DaemonStatus(Message):
+    """What the daemon is doing; several times a second and at every change."""
+
+    time_ns: int
+    clock: Literal["wall", "lockstep"]
+    enabled: bool
+    """True when every drive is in operation enabled and a controller is active"""
+    stopped: bool
+    """the operator stop is latched"""
+    drives: list[DriveStatus]
+    controllers: dict[str, list[str]]
+    """active controller → joints that it claims"""
+    loop: LoopStatistics
+    buses: list[BusStatistics]
+    stop_reason: str = ""
+    action: str = ""
+    """id of the running action"""
+    holds: list[str] = []
+    """who holds simulated time"""
+
+
+@_travels(priority=2, remote=True)
+class ActionEvent(Message):
+    """A change in an action's life. `ended` carries the outcome and the robot in the cycle that ended it."""
+
+    id: str
+    state: Literal["running", "paused", "ended"]
+    time_ns: int
+    cycle: int
+    outcome: str = ""
+    """ended: `done` (trajectory finished), the name of the end condition that tripped, `cancelled`, `stopped`, `owner_lost`,
+    `refused_by_limits`, `drive_fault`, `diverged`"""
+    detail: str = ""
+    position: list[float] = []
+    """rad, measured in that cycle"""
+    command: list[float] = []
+    """rad, commanded in that cycle"""
+    path_force: float = 0.0
+    """N, the path-force integrator's last value"""
+
+
+# --------------------------------------------------------------------------------------------------- daemon: calls to it
+
+
+@_travels(priority=1, remote=True)
+class GetRobot(Message):
+    """Which robot is this?"""
+
+
+class RobotInfo(Message):
+    """Answer to GetRobot."""
+
+    name: str
+    joints: list[str]
+    lower: list[float]
+    upper: list[float]
+    """rad"""
+    velocity_limit: list[float]
+    torque_limit: list[float]
+    groups: dict[str, list[str]]
+    tools: dict[str, str]
+    """arm → tool frame"""
+    home: dict[str, dict[str, float]]
+    """posture name → joint → rad"""
+    period_ns: int
+
+
+@_travels(priority=1, remote=True)
+class GetStatus(Message):
+    """The daemon's present status."""
+
+
+@_travels(priority=1, remote=True)
+class Enable(Message):
+    """Take every drive to operation enabled and hold where it is. Refused while the stop is latched."""
+
+
+@_travels(priority=1, remote=True)
+class Disable(Message):
+    """Take every drive out of operation (brakes close)."""
+
+
+@_travels(priority=0, remote=True)
+class Stop(Message):
+    """Operator stop: every drive quick-stops within two cycles; latches until ClearStop."""
+
+    reason: Annotated[str, Meta(max_length=200)] = ""
+
+
+@_travels(priority=1, remote=True)
+class ClearStop(Message):
+    """Unlatch the operator stop. Nothing moves: Enable follows deliberately."""
+
+
+@_travels(priority=1)
+class CheckIn(Message):
+    """I am alive. Actions whose owner does not check in for 1 s of wall time are ended safely."""
+
+    owner: Name
+
+
+@_travels(priority=1)
+class HoldTime(Message):
+    """Lock-step only: hold simulated time for `owner`, at most `limit_s` of wall time. Under the wall clock nothing happens."""
+
+    owner: Name
+    limit_s: Positive
+
+
+@_travels(priority=1)
+class ReleaseTime(Message):
+    """End `owner`'s hold."""
+
+    owner: Name
+
+
+class PathForce(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Integrates a force along the commanded path's tangent from the tool's lag behind it, and applies it by Jᵀ.
+
+    F ← clip(F + gain · t̂·(x_d − x) · dt, 0, limit), with x, x_d the measured and commanded position of `frame` and t̂ the
+    commanded path's unit tangent (the last one where the path stands still).
+    """
+
+    frame: Name
+    gain: NonNegative = 1500.0
+    """N/(m·s)"""
+    limit: NonNegative = 60.0
+    """N"""
+
+
+class TimeEnd(msgspec.Struct, tag="time", kw_only=True, forbid_unknown_fields=True):
+    """Ends `after` s of the action's own running time."""
+
+    after: Positive
+
+
+class PoseErrorEnd(msgspec.Struct, tag="pose_error", kw_only=True, forbid_unknown_fields=True):
+    """Ends when `frame` is further than `position` m (along `axis` in the world frame, if given) from where it is commanded."""
+
+    frame: Name
+    position: Positive
+    axis: tuple[float, float, float] | None = None
+
+
+class ForceEnd(msgspec.Struct, tag="force", kw_only=True, forbid_unknown_fields=True):
+    """Ends when the estimated external force on `frame` along `axis` (world) exceeds `limit` N in size."""
+
+    frame: Name
+    axis: tuple[float, float, float]
+    limit: Positive
+
+
+class ContactEnd(msgspec.Struct, tag="contact", kw_only=True, forbid_unknown_fields=True):
+    """Ends when the size of the estimated external force on `frame` exceeds `threshold` N."""
+
+    frame: Name
+    threshold: Positive
+
+
+class JointLimitEnd(msgspec.Struct, tag="joint_limit", kw_only=True, forbid_unknown_fields=True):
+    """Ends when a claimed joint is measured within `margin` rad of a position limit."""
+
+    margin: NonNegative
+
+
+class DivergenceEnd(msgspec.Struct, tag="divergence", kw_only=True, forbid_unknown_fields=True):
+    """Ends when a claimed joint is further than `error` rad from its command."""
+
+    error: Positive
+
+
+EndCondition = TimeEnd | PoseErrorEnd | ForceEnd | ContactEnd | JointLimitEnd | DivergenceEnd
+
+
+class JointTrajectory(msgspec.Struct, tag="joint_trajectory", kw_only=True, forbid_unknown_fields=True):
+    """Follow knots by cubic Hermite interpolation under joint impedance in the drives, gravity and feed-forward from the host."""
+
+    joints: list[Name]
+    times: list[float]
+    """s from the action's start, strictly increasing, first 0"""
+    positions: list[list[float]]
+    """rad, knots × joints"""
+    velocities: list[list[float]]
+    """rad/s, knots × joints"""
+    path_force: PathForce | None = None
+
+
+class CartesianImpedance(msgspec.Struct, tag="cartesian_impedance", kw_only=True, forbid_unknown_fields=True):
+    """Move `frame` in a straight line to `goal_in_world` in `duration` s under Cartesian impedance on `joints`."""
+
+    frame: Name
+    joints: list[Name]
+    goal_in_world: Pose
+    duration: Positive
+    stiffness: tuple[float, float] = (600.0, 6.0)
+    """N/m, N·m/rad"""
+
+
+Motion = JointTrajectory | CartesianImpedance
+
+
+@_travels(priority=1, remote=False)
+class StartAction(Message):
+    """Run a motion with end conditions that the loop checks in every cycle. Ends in a hold at the last command.
+
+    Refused (with field, value, expectation) when: not enabled, stopped, joints claimed by another running action, first knot
+    further than 0.02 rad from what the robot is commanded, a knot beyond limits, non-finite numbers, expired.
+    """
+
+    id: Name
+    owner: Name
+    motion: Motion
+    ends: list[EndCondition] = []
+    expires_ns: int = 0
+    """robot clock; 0: never"""
+    hold_after_s: NonNegative = 0.0
+    """lock-step: in the cycle that ends the action, hold simulated time for `owner`, at most this long (wall time)"""
+
+
+@_travels(priority=1)
+class CancelAction(Message):
+    """End an action: slow down along its path, then hold."""
+
+    id: Name
+
+
+@_travels(priority=1)
+class PauseAction(Message):
+    """Stop moving along the path, jerk-limited, and hold there."""
+
+    id: Name
+
+
+@_travels(priority=1)
+class ResumeAction(Message):
+    """Go on along the path."""
+
+    id: Name
+
+
+GetRobot.Reply = RobotInfo
+GetStatus.Reply = DaemonStatus
+
+DaemonCall = (
+    GetRobot
+    | GetStatus
+    | Enable
+    | Disable
+    | Stop
+    | ClearStop
+    | CheckIn
+    | HoldTime
+    | ReleaseTime
+    | StartAction
+    | CancelAction
+    | PauseAction
+    | ResumeAction
+)
+DaemonEvent = RobotState | DaemonStatus | ActionEvent
+
+# ------------------------------------------------------------------------------------------------- engine: templates, plans
+
+
+@_travels(priority=2, reliable=False, superseded_by=("name",), remote=True)
+class InstanceState(Message):
+    """A template placed in the world, as it stands now."""
+
+    name: str
+    template: str
+    """library name"""
+    template_hash: str
+    version: int
+    """goes up with every edit of pose or parameters; plans made from an older one are stale"""
+    pose_in_world: Pose
+    parameters: dict[str, float]
+    joint_state: dict[str, float]
+    """joint → rad, as believed from the tool's motion; not an edit"""
+    removed: bool = False
+
+
+@_travels(priority=1, remote=True)
+class PlaceInstance(Message):
+    """Put a template into the world."""
+
+    name: Name
+    template: Name
+    pose_in_world: Pose
+    parameters: dict[str, float] = {}
+
+
+@_travels(priority=1, remote=True)
+class MoveInstance(Message):
+    """Give an instance a new pose; plans made from it become stale."""
+
+    name: Name
+    pose_in_world: Pose
+
+
+@_travels(priority=1, remote=True)
+class SetParameters(Message):
+    """Change an instance's parameters; plans made from it become stale."""
+
+    name: Name
+    parameters: dict[str, float]
+
+
+@_travels(priority=1, remote=True)
+class RemoveInstance(Message):
+    """Take an instance away."""
+
+    name: Name
+
+
+@_travels(priority=1, remote=True)
+class GetInstances(Message):
+    """All instances."""
+
+
+class Instances(Message):
+    """Answer to GetInstances."""
+
+    instances: list[InstanceState]
+
+
+class PlanSegment(msgspec.Struct, kw_only=True):
+    """One stretch of a plan, executed by itself."""
+
+    name: str
+    times: list[float]
+    positions: list[list[float]]
+    """rad, knots × PlanPreview.joints"""
+
+
+@_travels(priority=3, reliable=False, superseded_by=("id",), remote=True)
+class PlanPreview(Message):
+    """What a client draws as a ghost, and whether the plan may still be executed."""
+
+    id: str
+    label: str
+    joints: list[str]
+    segments: list[PlanSegment]
+    made_from: dict[str, int]
+    """instance → version"""
+    fresh: bool
+    stale_because: str = ""
+    clearance: float = 0.0
+    """m, the smallest along the plan"""
+    limit_margin: float = 0.0
+    """rad, the smallest distance to a joint limit"""
+    duration: float = 0.0
+    """s"""
+
+
+@_travels(priority=1, remote=True)
+class GetPlan(Message):
+    """A plan by its id."""
+
+    id: Name
+
+
+@_travels(priority=1, remote=True)
+class MakePlan(Message):
+    """Plan a template's trajectory for an arm from where the robot is now. Answered when the plan is there or found infeasible."""
+
+    instance: Name
+    trajectory: Name
+    arm: Name = "right"
+
+
+@_travels(priority=1, remote=True)
+class ExecutePlan(Message):
+    """Run a plan's segments (all, or those named). Refused when it is stale, with the reason."""
+
+    id: Name
+    segments: list[Name] = []
+
+
+# ------------------------------------------------------------------------------------------------------- engine: programs
+
+
+@_travels(priority=1, remote=True)
+class ListLibrary(Message):
+    """What programs and templates are there?"""
+
+
+class LibraryEntry(msgspec.Struct, kw_only=True):
+    name: str
+    kind: Literal["program", "template"]
+    title: str = ""
+    hash: str = ""
+    problem: str = ""
+    """why it can't be used, with file and line"""
+
+
+class Library(Message):
+    """Answer to ListLibrary."""
+
+    entries: list[LibraryEntry]
+
+
+@_travels(priority=1, remote=True)
+class Deploy(Message):
+    """Check a program whole, bind its resources and make it ready to run."""
+
+    program: Name
+    bindings: dict[str, str]
+    """resource → robot part or instance, e.g. arm → right, valve → wheel_1"""
+    parameters: dict[str, Any] = {}
+
+
+class Deployment(Message):
+    """Answer to Deploy."""
+
+    id: str
+    program: str
+    hash: str
+    """of the content that will run"""
+
+
+@_travels(priority=1, remote=True)
+class Run(Message):
+    """Start a deployed program."""
+
+    deployment: Name
+
+
+@_travels(priority=1, remote=True)
+class PauseRun(Message):
+    """Pause the running program: the motion really stops."""
+
+
+@_travels(priority=1, remote=True)
+class ResumeRun(Message):
+    """Go on."""
+
+
+@_travels(priority=1, remote=True)
+class StopRun(Message):
+    """End the running program: cancel its motion, leave the robot holding."""
+
+
+@_travels(priority=2, remote=True)
+class RunState(Message):
+    """A program's run, at every change."""
+
+    run: str
+    deployment: str
+    program: str
+    hash: str
+    status: Literal["ready", "running", "paused", "succeeded", "failed", "stopped"]
+    active: list[str]
+    """ids of the active states, outermost first"""
+    data: dict[str, Any] = {}
+    """the program's variables"""
+    detail: str = ""
+    """why it failed or stopped"""
+    time_ns: int = 0
+
+
+@_travels(priority=2, remote=True)
+class Prompt(Message):
+    """A question to the operator."""
+
+    id: str
+    run: str
+    text: str
+    options: list[str]
+    plan: str = ""
+    """id of the plan that it is about"""
+    severity: Literal["info", "confirm", "warning"] = "confirm"
+    details: dict[str, float] = {}
+    """the numbers that matter, each name with its unit, e.g. clearance_m"""
+
+
+@_travels(priority=2, remote=True)
+class PromptClosed(Message):
+    """A prompt is no longer open."""
+
+    id: str
+    answer: str = ""
+    by: str = ""
+
+
+@_travels(priority=1, remote=True)
+class AnswerPrompt(Message):
+    """Answer a prompt. A late answer is told that it was already answered."""
+
+    id: Name
+    answer: Name
+    by: Name = "operator"
+
+
+@_travels(priority=1, remote=True)
+class GetEngine(Message):
+    """Everything a late client needs: instances, fresh and stale plans, the run, open prompts."""
+
+
+class EngineSnapshot(Message):
+    """Answer to GetEngine."""
+
+    instances: list[InstanceState]
+    plans: list[PlanPreview]
+    run: RunState | None
+    prompts: list[Prompt]
+
+
+@_travels(priority=6, remote=True)
+class LogLine(Message):
+    """One line for people."""
+
+    source: str
+    level: Literal["info", "warning", "error"]
+    text: str
+    time_ns: int = 0
+
+
+PlaceInstance.Reply = InstanceState
+MoveInstance.Reply = InstanceState
+SetParameters.Reply = InstanceState
+GetInstances.Reply = Instances
+GetPlan.Reply = PlanPreview
+MakePlan.Reply = PlanPreview
+ListLibrary.Reply = Library
+Deploy.Reply = Deployment
+Run.Reply = RunState
+GetEngine.Reply = EngineSnapshot
+
+EngineCall = (
+    PlaceInstance
+    | MoveInstance
+    | SetParameters
+    | RemoveInstance
+    | GetInstances
+    | GetPlan
+    | MakePlan
+    | ExecutePlan
+    | ListLibrary
+    | Deploy
+    | Run
+    | PauseRun
+    | ResumeRun
+    | StopRun
+    | AnswerPrompt
+    | GetEngine
+)
+EngineEvent = InstanceState | PlanPreview | RunState | Prompt | PromptClosed | LogLine
+
+# ------------------------------------------------------------------------------------------------------------ plant: truth
+
+
+@_travels(priority=5, reliable=False, superseded_by=("type",))
+class GroundTruth(Message):
+    """What really happens in the plant. Only tests, benchmarks and verdicts may read it; it never crosses the link."""
+
+    time_ns: int
+    joints: dict[str, float]
+    """robot joint → rad"""
+    hinges: dict[str, float]
+    """scene object → its hinge's signed angle, rad"""
+    poses_in_world: dict[str, Pose]
+    """scene object → pose"""
+    contact_force: dict[str, float]
+    """scene object → N, sum of normal forces between it and the robot, now"""
+    peak_contact_force: dict[str, float]
+    """scene object → N, the largest since the plant started"""
+
+
+# ------------------------------------------------------------------------------------------------------------- answers
+
+
+class Ok(Message):
+    """A call was carried out and has nothing to say."""
+
+
+class Refused(Message):
+    """A call was not carried out; nothing has changed."""
+
+    message: str
+    field: str = ""
+    value: str = ""
+    expected: str = ""
+
+
+Answer = (
+    Ok
+    | Refused
+    | RobotInfo
+    | DaemonStatus
+    | InstanceState
+    | Instances
+    | PlanPreview
+    | Library
+    | Deployment
+    | RunState
+    | EngineSnapshot
+)

@@ -1,0 +1,61 @@
+"""The rigid-body model that the daemon and the planners share (pinocchio; robot side only).
+
+Arrays have one row a joint in the description's order; frames are in the world, which is the fixed base's `base_link`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from handrail.robot.description import RobotDescription
+
+
+class Kinematics:
+    """A pinocchio model of a fixed-base robot with one-degree-of-freedom joints."""
+
+    def __init__(self, description: RobotDescription):
+        self.description = description
+        self.model = pin.buildModelFromUrdf(str(description.urdf))
+        self.data = self.model.createData()
+        ids = [self.model.getJointId(name) for name in description.joints]
+        self.index_v = np.array([self.model.idx_vs[i] for i in ids], dtype=np.intp)
+        """(n,) the model's velocity index of each joint; for such joints it is the configuration's index too"""
+        self._q = pin.neutral(self.model)
+        self._frames: dict[str, int] = {}
+
+    def configuration(self, position: np.ndarray) -> np.ndarray:
+        """pinocchio's q for joint positions (n,) rad. The array is reused by the next call."""
+        self._q[self.index_v] = position
+        return self._q
+
+    def frame_id(self, name: str) -> int:
+        """pinocchio's index of a frame. Raises KeyError when the model has none of that name."""
+        if name not in self._frames:
+            if not self.model.existFrame(name):
+                raise KeyError(name)
+            self._frames[name] = self.model.getFrameId(name)
+        return self._frames[name]
+
+    def frame(self, position: np.ndarray, name: str) -> pin.SE3:
+        """Pose of a frame in the world at joint positions (n,) rad."""
+        pin.forwardKinematics(self.model, self.data, self.configuration(position))
+        return pin.SE3(pin.updateFramePlacement(self.model, self.data, self.frame_id(name)))
+
+    def jacobian(self, position: np.ndarray, name: str) -> np.ndarray:
+        """(6, n): linear and angular velocity of the frame's origin, world axes, per joint velocity."""
+        full = pin.computeFrameJacobian(
+            self.model, self.data, self.configuration(position), self.frame_id(name), pin.LOCAL_WORLD_ALIGNED
+        )
+        return full[:, self.index_v]
+
+    def gravity(self, position: np.ndarray) -> np.ndarray:
+        """Torque (n,) N·m that holds the robot still at joint positions (n,) rad."""
+        return pin.computeGeneralizedGravity(self.model, self.data, self.configuration(position))[self.index_v]
+
+    def mass_matrix(self, position: np.ndarray) -> np.ndarray:
+        """Joint-space inertia (n, n) kg·m² at joint positions (n,) rad."""
+        pin.crba(self.model, self.data, self.configuration(position))
+        upper = np.triu(self.data.M)
+        full = upper + np.triu(upper, 1).T
+        return full[np.ix_(self.index_v, self.index_v)]

@@ -1,0 +1,182 @@
+"""One URDF of a robot as it is used: joints made rigid, parts cut off, tools put on, mesh paths that any reader can open.
+
+Works on the XML alone (no kinematics library), so that the plant, the planners and the tablet read the same file.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import os
+import re
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+
+class Tool(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """A rigid cylinder on a link, along its own −z; its `tip` frame is where it touches, −z pointing out of it."""
+
+    name: str
+    parent: str
+    position: tuple[float, float, float]
+    """m, of the tool's root in the parent link's frame"""
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad"""
+    radius: Annotated[float, msgspec.Meta(gt=0)]
+    """m"""
+    length: Annotated[float, msgspec.Meta(gt=0)]
+    """m"""
+    mass: Annotated[float, msgspec.Meta(gt=0)]
+    """kg"""
+    tip: Annotated[float, msgspec.Meta(gt=0)]
+    """m from the root to the contact point"""
+
+    @property
+    def tip_frame(self) -> str:
+        return f"{self.name}_tip"
+
+
+class Model(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Where the robot's URDF comes from, and what is done to it."""
+
+    distribution: str
+    """the installed package that carries it"""
+    urdf: str
+    """path below the distribution's robots folder"""
+    fix: list[str] = []
+    """joints made rigid at zero, as glob patterns"""
+    cut: list[str] = []
+    """links that are removed with all that hangs on them, as glob patterns"""
+    tools: list[Tool] = []
+
+
+def models_folder(distribution: str) -> Path:
+    """The robots folder of an installed model package (example-robot-data ships data only, below cmeel.prefix).
+
+    Raises FileNotFoundError when it is not installed.
+    """
+    try:
+        files = metadata.files(distribution) or []
+    except metadata.PackageNotFoundError as error:
+        raise FileNotFoundError(f"the package {distribution} is not installed: pip install {distribution}") from error
+    for entry in files:
+        match = re.match(r"(.*share/[^/]+/robots)/", str(entry))
+        if match:
+            return Path(str(entry.locate())).parents[len(Path(str(entry)).parts) - len(Path(match[1]).parts) - 1]
+    raise FileNotFoundError(f"the package {distribution} has no share/*/robots folder")
+
+
+def assemble(model: Model) -> Path:
+    """The assembled URDF as a file in the user's cache, named by its content. Raises FileNotFoundError, ValueError."""
+    robots = models_folder(model.distribution)
+    source = robots / model.urdf
+    if not source.is_file():
+        raise FileNotFoundError(f"model.urdf: {model.urdf} is not in {robots}")
+    root = ET.parse(source).getroot()
+    for tag in ("gazebo", "transmission"):
+        for element in root.findall(tag):
+            root.remove(element)
+    _cut(root, model.cut)
+    _fix(root, model.fix)
+    for tool in model.tools:
+        _mount(root, tool)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        mesh.set("filename", re.sub(r"^package:/{2,3}[^/]+/robots/", f"{robots}/", name))
+    text = ET.tostring(root, encoding="utf-8")
+    return _cached(text, f"{root.get('name', 'robot')}-{hashlib.sha256(text).hexdigest()[:16]}.urdf")
+
+
+def cache_folder() -> Path:
+    """Where derived models are kept: they can be deleted at any time."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(base) / "handrail" / "models"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _cached(text: bytes, name: str) -> Path:
+    path = cache_folder() / name
+    if not path.exists():
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as partial:
+            partial.write(text)
+        os.replace(partial.name, path)  # whole or not at all, whoever else writes it now
+    return path
+
+
+def _matching(names: Sequence[str], patterns: Sequence[str], field: str) -> set[str]:
+    found: set[str] = set()
+    for pattern in patterns:
+        hits = fnmatch.filter(names, pattern)
+        if not hits:
+            raise ValueError(f"{field}: {pattern!r} matches nothing in the URDF")
+        found.update(hits)
+    return found
+
+
+def _link(joint: ET.Element, end: str) -> str:
+    element = joint.find(end)
+    if element is None:
+        raise ValueError(f"joint {joint.get('name')}: has no {end}")
+    return element.get("link", "")
+
+
+def _cut(root: ET.Element, patterns: Sequence[str]) -> None:
+    dead = _matching([link.get("name", "") for link in root.findall("link")], patterns, "model.cut")
+    joints = root.findall("joint")
+    while True:
+        below = {_link(joint, "child") for joint in joints if _link(joint, "parent") in dead} - dead
+        if not below:
+            break
+        dead |= below
+    for joint in joints:
+        if _link(joint, "child") in dead:
+            root.remove(joint)
+    for link in root.findall("link"):
+        if link.get("name") in dead:
+            root.remove(link)
+
+
+def _fix(root: ET.Element, patterns: Sequence[str]) -> None:
+    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    chosen = _matching([joint.get("name", "") for joint in moving], patterns, "model.fix")
+    for joint in moving:
+        if joint.get("name") in chosen:
+            joint.set("type", "fixed")
+            for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
+                for element in joint.findall(tag):
+                    joint.remove(element)
+
+
+def _mount(root: ET.Element, tool: Tool) -> None:
+    if tool.parent not in {link.get("name") for link in root.findall("link")}:
+        raise ValueError(f"model.tools: {tool.name}: no link {tool.parent!r} in the URDF")
+    half, r, m = tool.length / 2, tool.radius, tool.mass
+    across, along = m * (3 * r * r + tool.length**2) / 12, m * r * r / 2  # solid cylinder
+    shape = f'<origin xyz="0 0 {-half}"/><geometry><cylinder radius="{r}" length="{tool.length}"/></geometry>'
+    root.append(
+        ET.fromstring(
+            f'<link name="{tool.name}"><inertial><origin xyz="0 0 {-half}"/><mass value="{m}"/>'
+            f'<inertia ixx="{across}" iyy="{across}" izz="{along}" ixy="0" ixz="0" iyz="0"/></inertial>'
+            f'<visual>{shape}<material name="{tool.name}"><color rgba="0.75 0.77 0.8 1"/></material></visual>'
+            f"<collision>{shape}</collision></link>"
+        )
+    )
+    root.append(_fixed_joint(f"{tool.name}_mount", tool.parent, tool.name, tool.position, tool.rpy))
+    root.append(ET.fromstring(f'<link name="{tool.tip_frame}"/>'))
+    root.append(_fixed_joint(f"{tool.tip_frame}_joint", tool.name, tool.tip_frame, (0.0, 0.0, -tool.tip)))
+
+
+def _fixed_joint(
+    name: str, parent: str, child: str, xyz: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)
+) -> ET.Element:
+    return ET.fromstring(
+        f'<joint name="{name}" type="fixed"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{" ".join(map(str, xyz))}" rpy="{" ".join(map(str, rpy))}"/></joint>'
+    )

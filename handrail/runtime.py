@@ -1,0 +1,65 @@
+"""Where the processes of one robot meet on this machine: one folder, one name per socket.
+
+Every process of a robot is told the same folder (``--runtime``, or ``HANDRAIL_RUNTIME``); everything local is found in it.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+# A Unix socket's path holds 108 bytes with its terminating zero (unix(7)); our longest name has 20.
+_LONGEST_FOLDER = 86
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """The folder in which the local processes of one robot find each other."""
+
+    folder: Path
+
+    @classmethod
+    def at(cls, folder: str | os.PathLike[str] | None = None) -> Runtime:
+        """The folder named, else ``$HANDRAIL_RUNTIME``, else one of this user's own; made if it is missing.
+
+        Raises ValueError where the path is too long for Unix sockets.
+        """
+        if folder is None:
+            folder = os.environ.get("HANDRAIL_RUNTIME")
+        if folder is None:
+            base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+            folder = Path(base) / f"handrail-{os.getuid()}"
+        path = Path(folder).absolute()
+        if len(os.fsencode(path)) > _LONGEST_FOLDER:
+            raise ValueError(
+                f"runtime folder: {path} has {len(os.fsencode(path))} bytes; "
+                f"expected at most {_LONGEST_FOLDER}, since Unix sockets live in it"
+            )
+        path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return cls(path)
+
+    @property
+    def bus(self) -> Path:
+        """The virtual CAN hub's socket (seqpacket, hal.can.frames records)."""
+        return self.folder / "bus.sock"
+
+    @property
+    def stop(self) -> Path:
+        """The daemon loop's stop socket (datagram), read first in every cycle."""
+        return self.folder / "stop.sock"
+
+    @property
+    def state_ring(self) -> Path:
+        """Shared memory: what the loop writes each cycle, the server reads."""
+        return self.folder / "state.ring"
+
+    @property
+    def mailbox(self) -> Path:
+        """Shared memory: commands from the server to the loop."""
+        return self.folder / "mailbox.ring"
+
+    def endpoint(self, name: str) -> str:
+        """ZeroMQ endpoint of a local topic or call, e.g. ``daemon.call``, ``daemon.events``, ``plant.truth``."""
+        return f"ipc://{self.folder / name}"

@@ -1,0 +1,164 @@
+"""Local ZeroMQ: topics (publish, subscribe) and calls, one MessagePack message a frame.
+
+``bus`` always means CAN in this project; what is here carries `handrail.messages` between processes of one machine. A topic is
+``[type name, payload]``; a call is ``[payload]`` from a DEALER to a ROUTER and answered by exactly one ``[payload]``, in order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import zmq
+
+from handrail.messages import Answer, Ok, Refused
+
+_encoder = msgspec.msgpack.Encoder()
+_answers = msgspec.msgpack.Decoder(Answer)
+
+
+class RefusedError(Exception):
+    """A call was refused; nothing has changed. `refusal` names field, value and expectation."""
+
+    def __init__(self, refusal: Refused):
+        self.refusal = refusal
+        parts = [refusal.message]
+        if refusal.field:
+            parts.append(f"field {refusal.field}, value {refusal.value}, expected {refusal.expected}")
+        super().__init__("; ".join(parts))
+
+
+class Unreachable(ConnectionError):
+    """No answer in time: the process that should answer is not running, or hangs."""
+
+
+def refuse(message: str, field: str = "", value: object = "", expected: str = "") -> RefusedError:
+    """The error that a call's handler raises to refuse it."""
+    return RefusedError(Refused(message=message, field=field, value=str(value) if field else "", expected=expected))
+
+
+class Publisher:
+    """Sends messages on one local topic endpoint. Not safe to share between threads."""
+
+    def __init__(self, endpoint: str, *, context: zmq.Context | None = None, queue: int = 2000):
+        self._socket = (context or zmq.Context.instance()).socket(zmq.PUB)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.SNDHWM, queue)
+        self._socket.bind(endpoint)
+
+    def send(self, message: msgspec.Struct) -> None:
+        self._socket.send_multipart((type(message).__name__.encode(), _encoder.encode(message)))
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Subscriber:
+    """Receives messages of the given types from one or more endpoints."""
+
+    def __init__(
+        self,
+        endpoints: str | list[str],
+        kinds: Any,
+        *,
+        context: zmq.Context | None = None,
+        queue: int = 5000,
+    ):
+        """`kinds`: a message type or a union of message types; only these are received."""
+        self._decoder = msgspec.msgpack.Decoder(kinds)
+        self.socket = (context or zmq.Context.instance()).socket(zmq.SUB)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.setsockopt(zmq.RCVHWM, queue)
+        for kind in getattr(kinds, "__args__", (kinds,)):
+            # "RobotState" is no prefix of another type's name by chance only: compare whole names in `receive`.
+            self.socket.subscribe(kind.__name__)
+        self._names = {kind.__name__.encode() for kind in getattr(kinds, "__args__", (kinds,))}
+        for endpoint in [endpoints] if isinstance(endpoints, str) else endpoints:
+            self.socket.connect(endpoint)
+
+    def receive(self, timeout_s: float | None = None) -> Any | None:
+        """The next message, or None when none came in time (None waits for ever, 0 does not wait)."""
+        while self.socket.poll(None if timeout_s is None else max(0, round(timeout_s * 1000))):
+            name, payload = self.socket.recv_multipart()
+            if name in self._names:
+                return self._decoder.decode(payload)
+        return None
+
+    def drain(self) -> Iterator[Any]:
+        """Everything that has arrived."""
+        while (message := self.receive(0)) is not None:
+            yield message
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+class Caller:
+    """Calls one local service, one call at a time. Not safe to share between threads: make one a thread."""
+
+    def __init__(self, endpoint: str, *, timeout_s: float = 5.0, context: zmq.Context | None = None):
+        self._endpoint, self._timeout_s = endpoint, timeout_s
+        self._context = context or zmq.Context.instance()
+        self._connect()
+
+    def _connect(self) -> None:
+        self._socket = self._context.socket(zmq.DEALER)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.connect(self._endpoint)
+
+    def call(self, message: msgspec.Struct, timeout_s: float | None = None) -> Any:
+        """The answer. Raises RefusedError when refused, Unreachable when no answer came in time."""
+        self._socket.send(_encoder.encode(message))
+        timeout = self._timeout_s if timeout_s is None else timeout_s
+        if not self._socket.poll(round(timeout * 1000)):
+            # A late answer must not be taken for the next call's: start on a new connection.
+            self._socket.close()
+            self._connect()
+            raise Unreachable(f"{type(message).__name__}: no answer from {self._endpoint} in {timeout:g} s")
+        answer = _answers.decode(self._socket.recv())
+        if isinstance(answer, Refused):
+            raise RefusedError(answer)
+        return answer
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Service:
+    """Answers calls. `poll` handles what has arrived; a handler's RefusedError becomes a refusal, and so does bad input."""
+
+    def __init__(self, endpoint: str, kinds: Any, handle: Callable[[Any], Any], *, context: zmq.Context | None = None):
+        """`kinds`: union of the calls taken; `handle(message)` returns the answer, or None for Ok."""
+        self._decoder = msgspec.msgpack.Decoder(kinds)
+        self._handle = handle
+        self.socket = (context or zmq.Context.instance()).socket(zmq.ROUTER)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.bind(endpoint)
+
+    def poll(self, timeout_s: float = 0.0) -> int:
+        """Handle all calls that have arrived, waiting at most `timeout_s` for the first. Returns how many."""
+        handled = 0
+        while self.socket.poll(round(timeout_s * 1000)):
+            timeout_s = 0.0
+            identity, *frames = self.socket.recv_multipart()
+            self.socket.send_multipart((identity, _encoder.encode(self._answer(frames))))
+            handled += 1
+        return handled
+
+    def _answer(self, frames: list[bytes]) -> msgspec.Struct:
+        if len(frames) != 1:
+            return Refused(message="a call is one frame", field="frames", value=str(len(frames)), expected="1")
+        try:
+            message = self._decoder.decode(frames[0])
+        except msgspec.DecodeError as error:
+            return Refused(message=f"not a call that is known here: {error}")
+        try:
+            return self._handle(message) or Ok()
+        except RefusedError as error:
+            return error.refusal
+
+    def close(self) -> None:
+        with contextlib.suppress(zmq.ZMQError):
+            self.socket.close()

@@ -64,3 +64,15 @@ class JointCommand:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def copy_from(self, other: JointCommand) -> None:
+        """Take over all of another command's set-points, in place."""
+        self.position[:], self.velocity[:], self.torque[:] = other.position, other.velocity, other.torque
+        self.stiffness[:], self.damping[:], self.mode[:] = other.stiffness, other.damping, other.mode
+
+    def follow(self, state: JointState) -> None:
+        """Become the command of a robot that nobody commands: where it is, with no torque and no gains."""
+        self.position[:] = state.position
+        for row in (self.velocity, self.torque, self.stiffness, self.damping):
+            row[:] = 0.0
+        self.mode[:] = Mode.DAMPING

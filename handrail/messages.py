@@ -149,6 +149,8 @@ class DaemonStatus(Message):
     """id of the running action"""
     holds: list[str] = []
     """who holds simulated time"""
+    processes: dict[str, str] = {}
+    """process of the robot's service → `up`, `starting`, or what happened to it; empty where nobody supervises"""
 
 
 @_travels(priority=2, remote=True)

@@ -1,0 +1,65 @@
+"""A template placed in the world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from affordance_templates.template import Array, ResolvedTemplate
+from affordance_templates.template_file import Template
+from handrail.messages import InstanceState, Pose
+
+
+@dataclass(frozen=True)
+class Instance:
+    """What the operator placed, at one version of it. Editing makes a new one (see `affordance_templates.server`)."""
+
+    name: str
+    template: Template
+    pose_in_world: Pose
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """only those that differ from the template's defaults need to be given; units as the template says"""
+    joint_state: Mapping[str, float] = field(default_factory=dict)
+    """joint → rad (prismatic: m), as believed; joints not named are at 0"""
+    version: int = 1
+    """goes up with every edit of pose or parameters"""
+
+    @cached_property
+    def _resolved(self) -> ResolvedTemplate:
+        return self.template.resolve(self.parameters, self.joint_state)
+
+    def resolve(self) -> ResolvedTemplate:
+        """Shapes, joints and trajectories with this instance's numbers, in the template's frame."""
+        return self._resolved
+
+    @cached_property
+    def rotation(self) -> Array:
+        """(3, 3): turns directions in the template's frame into the world's."""
+        x, y, z, w = self.pose_in_world.orientation
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+    def point_in_template(self, point_in_world: Array) -> Array:
+        """(3,) m, a point of the world in the template's frame."""
+        return self.rotation.T @ (np.asarray(point_in_world, float) - np.array(self.pose_in_world.position))
+
+    def state(self, *, removed: bool = False) -> InstanceState:
+        """The instance as others are told of it: every parameter and every joint has its value."""
+        return InstanceState(
+            name=self.name,
+            template=self.template.name,
+            template_hash=self.template.hash,
+            version=self.version,
+            pose_in_world=self.pose_in_world,
+            parameters=self.template.values(self.parameters),
+            joint_state={name: float(self.joint_state.get(name, 0.0)) for name in self.template.joint_names},
+            removed=removed,
+        )

@@ -1,0 +1,237 @@
+"""Actions: a motion that an engine asked for, from its start to the one outcome that ends it.
+
+What a motion does is its controller's business; here is its life. Everything that can end an action is looked at in every cycle,
+before the controllers run: a guard that trips in a cycle takes the joints to `hold` in that cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.controllers.base import MotionController
+from daemon.controllers.cartesian_impedance import CartesianImpedance
+from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.end_conditions import first_met, force_frames
+from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, TrajectoryMotion
+from daemon.manager import ClaimError, ControllerManager
+from daemon.robot_state import RobotState
+from hal.joint import JointCommand
+from handrail.messages import EndCondition
+
+START_TOLERANCE = 0.02
+"""rad between a trajectory's first knot and what the robot is commanded"""
+DIVERGED = 0.5
+"""rad between a joint and its command at which any action ends, whatever its conditions say"""
+
+
+@dataclass
+class Action:
+    """One action; it stays in its slot after its end, until another needs the slot."""
+
+    serial: int
+    owner: int
+    controller: MotionController
+    ends: tuple[EndCondition, ...]
+    hold_after: float
+    """s of wall time to hold simulated time for, in the cycle that ends it; 0: not"""
+    cycle: int
+    """of the last change of state"""
+    frames: tuple[str, ...]
+    """where the external force is estimated while it runs; the first is its tool"""
+    state: ActionState = ActionState.RUNNING
+    outcome: Outcome = Outcome.NONE
+    ending: Outcome = Outcome.NONE
+    """set by a cancellation: what the outcome will be once the path stands"""
+    running: float = 0.0
+    """s that it has run, pauses not counted"""
+    condition: int = -1
+    joint: int = -1
+    value: float = 0.0
+    path_force: float = 0.0
+    position: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    command: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """rad (n,), measured and commanded in the cycle that ended it"""
+
+    @property
+    def alive(self) -> bool:
+        return self.state in (ActionState.RUNNING, ActionState.PAUSED)
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a command was not accepted."""
+
+    answer: Answer
+    joint: int = -1
+    value: float = 0.0
+
+
+class ActionTable:
+    """The actions of one robot: up to `SLOTS` at a time, each on joints of its own."""
+
+    def __init__(self, manager: ControllerManager, robot: RobotState):
+        self._manager, self._robot = manager, robot
+        self.slots: list[Action | None] = [None] * SLOTS
+        self.cycle = 0
+        self._tips = [(arm.tip, frozenset(arm.joints)) for arm in robot.kinematics.description.arms.values()]
+
+    def running(self) -> Iterator[Action]:
+        """The actions that have not ended."""
+        return (action for action in self.slots if action is not None and action.alive)
+
+    def force_frames(self) -> list[str]:
+        """Where running actions need the external force, the first action's tool first."""
+        return list(dict.fromkeys(frame for action in self.running() for frame in action.frames))
+
+    # ------------------------------------------------------------------------------------------------- what is asked for
+
+    def start(self, command: Command, last: JointCommand, time_ns: int) -> Refusal | None:
+        """Start a motion from `last`, the command as last written. A refusal changes nothing."""
+        motion = command.motion
+        if motion is None or not np.isin(motion.joints, np.arange(len(self._robot.joints))).all():
+            return Refusal(Answer.MALFORMED)
+        if command.expires_ns and time_ns > command.expires_ns:
+            return Refusal(Answer.EXPIRED, value=(time_ns - command.expires_ns) * 1e-9)
+        for other in self.running():
+            claimed = np.isin(motion.joints, other.controller.joints)
+            if claimed.any():
+                return Refusal(Answer.CLAIMED, int(motion.joints[int(np.argmax(claimed))]))
+        controller: MotionController
+        if isinstance(motion, TrajectoryMotion):
+            off = np.abs(motion.positions[0] - last.position[motion.joints])
+            worst = int(np.argmax(off))
+            if not off[worst] <= START_TOLERANCE:
+                return Refusal(Answer.START_OFF, int(motion.joints[worst]), float(off[worst]))
+            controller = JointTrajectory(motion, self._manager.gains, self._robot.period)
+        else:
+            controller = CartesianImpedance(motion, self._manager.gains, self._robot.period)
+        slot = self._free_slot()
+        if slot is None:
+            return Refusal(Answer.TOO_MANY)
+        try:
+            self._manager.switch([], [controller], last)
+        except ClaimError as error:
+            return Refusal(Answer.CLAIMED, error.joint)
+        frames = (self._tool(controller), *force_frames(command.ends))
+        self.slots[slot] = Action(
+            serial=command.serial,
+            owner=command.owner,
+            controller=controller,
+            ends=command.ends,
+            hold_after=command.value,
+            cycle=self.cycle,
+            frames=tuple(frame for frame in frames if frame),
+        )
+        return None
+
+    def pause(self, serial: int) -> Refusal | None:
+        """Slow down to a stand on the path."""
+        return self._steer(serial, 0.0)
+
+    def resume(self, serial: int) -> Refusal | None:
+        """Go on along the path."""
+        return self._steer(serial, 1.0)
+
+    def cancel(self, serial: int, outcome: Outcome = Outcome.CANCELLED) -> Refusal | None:
+        """Slow down to a stand on the path, then end with `outcome`."""
+        for action in self.running():
+            if action.serial == serial:
+                action.controller.clock.slow_to(0.0)
+                action.ending = outcome
+                return None
+        return Refusal(Answer.NO_SUCH_ACTION)
+
+    def lose_owner(self, owner: int) -> None:
+        """Cancel whatever `owner` has running."""
+        for action in self.running():
+            if action.owner == owner:
+                self.cancel(action.serial, Outcome.OWNER_LOST)
+
+    # --------------------------------------------------------------------------------------------------- what comes about
+
+    def check(self, last: JointCommand) -> list[Action]:
+        """End what has to end in this cycle, and let `hold` take over from `last`. Returns what ended."""
+        ended = []
+        for action in self.running():
+            if action.state is ActionState.RUNNING:
+                action.running += self._robot.period
+            if self._has_to_end(action, last):
+                self._end(action, last)
+                ended.append(action)
+            elif action.controller.clock.standing != (action.state is ActionState.PAUSED):
+                action.state = ActionState.PAUSED if action.controller.clock.standing else ActionState.RUNNING
+                action.cycle = self.cycle
+        return ended
+
+    def refuse(self, joint: int, last: JointCommand, value: float = 0.0) -> list[Action]:
+        """End the action that claims `joint`, since its command may not be written. Returns what ended."""
+        ended = []
+        for action in self.running():
+            if joint in action.controller.joints:
+                action.outcome, action.joint, action.value = Outcome.REFUSED_BY_LIMITS, joint, value
+                self._end(action, last)
+                ended.append(action)
+        return ended
+
+    def end_all(self, outcome: Outcome, last: JointCommand, joint: int = -1) -> list[Action]:
+        """End everything at once without a hold: the caller has taken the claims away. Returns what ended."""
+        ended = list(self.running())
+        for action in ended:
+            action.outcome, action.joint = outcome, joint
+            self._note_end(action, last)
+        return ended
+
+    def _has_to_end(self, action: Action, last: JointCommand) -> bool:
+        joints, clock = action.controller.joints, action.controller.clock
+        if trip := first_met(action.ends, action.running, joints, last.position, self._robot):
+            action.outcome = Outcome.CONDITION
+            action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
+            return True
+        error = np.abs(self._robot.joints.position[joints] - last.position[joints])
+        worst = int(np.argmax(error))
+        if error[worst] > DIVERGED:
+            action.outcome, action.joint, action.value = Outcome.DIVERGED, int(joints[worst]), float(error[worst])
+            return True
+        if action.ending is not Outcome.NONE and (clock.standing or clock.at_end):
+            action.outcome = action.ending
+            return True
+        if action.controller.done:
+            action.outcome = Outcome.DONE
+            return True
+        return False
+
+    def _end(self, action: Action, last: JointCommand) -> None:
+        self._note_end(action, last)
+        self._manager.switch([action.controller], [], last)
+
+    def _note_end(self, action: Action, last: JointCommand) -> None:
+        action.state, action.cycle = ActionState.ENDED, self.cycle
+        action.path_force = action.controller.path_force
+        action.position, action.command = self._robot.joints.position.copy(), last.position.copy()
+
+    def _steer(self, serial: int, rate: float) -> Refusal | None:
+        for action in self.running():
+            if action.serial == serial and action.ending is Outcome.NONE:
+                action.controller.clock.slow_to(rate)
+                return None
+        return Refusal(Answer.NO_SUCH_ACTION)
+
+    def _free_slot(self) -> int | None:
+        """An unused slot, or the one whose action ended longest ago, so that a late reader still finds the others."""
+        ended = [
+            (-1 if action is None else action.cycle, slot)
+            for slot, action in enumerate(self.slots)
+            if action is None or not action.alive
+        ]
+        return min(ended)[1] if ended else None
+
+    def _tool(self, controller: MotionController) -> str:
+        if controller.force_frame:
+            return controller.force_frame
+        names = self._robot.kinematics.description.joints
+        claimed = {names[joint] for joint in controller.joints}
+        return next((tip for tip, joints in self._tips if claimed <= joints), "")

@@ -1,0 +1,90 @@
+"""What a controller is to the manager: it claims joints and writes their set-points once a cycle while it is active."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.references import PathClock
+from daemon.robot_state import RobotState
+from hal.joint import JointCommand, Mode
+
+Array = NDArray[np.float64]
+
+_IMPEDANCE = int(Mode.IMPEDANCE)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Joint impedance in the drives, arrays (n,)."""
+
+    stiffness: Array
+    """N·m/rad"""
+    damping: Array
+    """N·m·s/rad"""
+
+
+class Controller(ABC):
+    """Commands the joints that it claims; `joints` are their rows in the description's order.
+
+    Life: made (unconfigured) → `activate` → `update` every cycle, until the manager takes its claims away. A controller is used
+    once. It never sees another controller's joints and knows nothing of limits, which come after it.
+    """
+
+    name: str
+    """one of daemon.exchange.CONTROLLERS"""
+
+    def __init__(self, joints: NDArray[np.int64], gains: Gains):
+        self.joints = joints
+        self.gains = gains
+
+    @abstractmethod
+    def activate(self, robot: RobotState, last: JointCommand) -> None:
+        """Start from `last`, the command written in the cycle before."""
+
+    @abstractmethod
+    def update(self, robot: RobotState, out: JointCommand) -> None:
+        """Write this cycle's set-points into the rows of `out` that are claimed, and no others."""
+
+    def write_impedance(self, robot: RobotState, out: JointCommand, position: Array, velocity: Array) -> None:
+        """Joint impedance about `position`, `velocity` (m,), with the model's gravity torque fed forward."""
+        _impedance(
+            self.joints, position, velocity, robot.gravity, self.gains.stiffness, self.gains.damping,
+            out.position, out.velocity, out.torque, out.stiffness, out.damping, out.mode,
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _impedance(rows, position, velocity, gravity, stiffness, damping, q, v, tau, k, d, mode):  # type: ignore[no-untyped-def]
+    for i in range(rows.shape[0]):
+        j = rows[i]
+        q[j], v[j], tau[j], k[j], d[j], mode[j] = (
+            position[i],
+            velocity[i],
+            gravity[j],
+            stiffness[j],
+            damping[j],
+            _IMPEDANCE,
+        )
+
+
+class MotionController(Controller):
+    """A controller that runs along a path, and can be slowed down on it."""
+
+    clock: PathClock
+    force_frame: str = ""
+    """frame at which the external force is estimated while this runs; "": none"""
+
+    @property
+    def done(self) -> bool:
+        """The path has been commanded to its end."""
+        return self.clock.at_end
+
+    @property
+    def path_force(self) -> float:
+        """N, what a path-force integrator adds now."""
+        return 0.0

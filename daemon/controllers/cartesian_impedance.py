@@ -1,0 +1,90 @@
+"""Moves a frame in a straight line under Cartesian impedance: a spring in the world, damping in the drives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from daemon.controllers.base import Array, Gains, MotionController
+from daemon.exchange import CartesianMotion
+from daemon.references import LinePath, PathClock
+from daemon.robot_state import RobotState
+from hal.joint import JointCommand
+
+_SPRING_REACH = 0.10
+"""m: the spring pulls no harder than at this distance"""
+_SPRING_TURN = 0.5
+"""rad: likewise"""
+_FOLLOW_RATE = 5.0
+"""1/s at which the commanded joints close in on the commanded frame"""
+_JACOBIAN_DAMPING = 0.05
+
+
+class CartesianImpedance(MotionController):
+    """Torque g + Jᵀ K e + N₀ᵀ τ_posture from here, damping about the commanded joint velocities in the drives.
+
+    e is the commanded minus the measured pose (position, rotation vector; world axes). The damping is where it is stable: at
+    500 Hz a damper closed over the bus is not (the tool's own inertia is a quarter of a kilogram), the drives' firmware is. The
+    commanded joints follow the line by damped least squares (Nakamura and Hanafusa 1986); they give the drives their velocity,
+    the null space its posture, and the hold that comes after its command. Joint stiffness is zero meanwhile.
+    """
+
+    name = "cartesian_impedance"
+
+    def __init__(self, motion: CartesianMotion, gains: Gains, period: float):
+        super().__init__(motion.joints, gains)
+        self.force_frame = motion.frame
+        self._frame, self._motion = motion.frame, motion
+        linear, angular = motion.stiffness
+        self._stiffness = np.array([linear] * 3 + [angular] * 3)
+        self.clock = PathClock(motion.duration, period)
+        goal = motion.goal_in_world
+        self._goal = pin.SE3(pin.Quaternion(np.array(goal.orientation)).normalized().matrix(), np.array(goal.position))
+        self._position = np.zeros(len(motion.joints))
+        self._line: LinePath | None = None
+
+    def activate(self, robot: RobotState, last: JointCommand) -> None:
+        # From where the frame is commanded, not measured: what it leans on now, it goes on leaning on.
+        start = robot.commanded_frame(self._frame)
+        self._line = LinePath(start.rotation, start.translation, self._goal, self._motion.duration)
+        self._position = last.position[self.joints].copy()
+
+    def update(self, robot: RobotState, out: JointCommand) -> None:
+        assert self._line is not None, "activate comes before update"
+        self.clock.advance()
+        rotation, translation, linear, angular = self._line.evaluate(self.clock.s)
+        measured, commanded = robot.frame(self._frame), robot.commanded_frame(self._frame)
+        jacobian = robot.jacobian(self._frame)[:, self.joints]
+        normal = jacobian @ jacobian.T
+        normal.flat[::7] += _JACOBIAN_DAMPING**2
+        inverse = np.linalg.solve(normal, jacobian).T
+
+        twist = np.concatenate((linear, angular)) * self.clock.rate
+        drift = _pose_error(rotation, translation, commanded.rotation, commanded.translation)
+        velocity = inverse @ (twist + _FOLLOW_RATE * drift)
+        self._position += velocity * robot.period
+
+        error = _pose_error(rotation, translation, measured.rotation, measured.translation)
+        wrench = self._stiffness * _within_reach(error)
+        self.write_impedance(robot, out, self._position, velocity)
+        rows = self.joints
+        posture = self.gains.stiffness[rows] * (self._position - robot.joints.position[rows])
+        posture -= jacobian.T @ (inverse.T @ posture)
+        out.torque[rows] += jacobian.T @ wrench + posture
+        out.stiffness[rows] = 0.0
+
+
+def _pose_error(rotation_to: Array, translation_to: Array, rotation: Array, translation: Array) -> Array:
+    """(6,): from (rotation, translation) to the other pose, m and rad about world axes."""
+    turn = rotation @ pin.log3(rotation.T @ rotation_to)
+    return np.concatenate((translation_to - translation, turn))
+
+
+def _within_reach(error: Array) -> Array:
+    """The error (6,) with its parts shortened to where the springs stop growing."""
+    short = error.copy()
+    for part, most in ((slice(0, 3), _SPRING_REACH), (slice(3, 6), _SPRING_TURN)):
+        size = float(np.linalg.norm(error[part]))
+        if size > most:
+            short[part] *= most / size
+    return short

@@ -1,0 +1,76 @@
+"""Follows joint-space knots, with a force along the path that grows while the tool lags behind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon.controllers.base import Array, Gains, MotionController
+from daemon.exchange import TrajectoryMotion
+from daemon.references import HermitePath, PathClock, fade
+from daemon.robot_state import RobotState
+from hal.joint import JointCommand
+from handrail.messages import PathForce
+
+_LEAD_IN = 0.2
+"""s over which the difference between the command and the first knot is worked off"""
+_STANDING = 1e-6
+"""m/s: slower than this, the path has no direction of its own"""
+
+
+class PathForceIntegrator:
+    """Joint torques of a force F t̂ at a frame, F ← clip(F + gain · t̂·(x_d − x) dt, 0, limit); see messages.PathForce.
+
+    The lag is that of the measured frame behind the command that it had one cycle to follow. Friction that the path's speed
+    does not reveal (a valve's, a drawer's) is found by pushing until the tool moves, no harder than `limit`.
+    """
+
+    def __init__(self, spec: PathForce):
+        self.spec = spec
+        self.force = 0.0
+        self._tangent = np.zeros(3)
+
+    def torque(self, robot: RobotState) -> Array:
+        """N·m (n,) to add to the feed-forward in this cycle."""
+        frame = self.spec.frame
+        velocity = robot.commanded_frame_velocity(frame)
+        speed = float(np.sqrt(velocity @ velocity))
+        if speed > _STANDING:
+            self._tangent = velocity / speed
+        lag = float(self._tangent @ robot.lag(frame))
+        self.force = min(max(self.force + self.spec.gain * lag * robot.period, 0.0), self.spec.limit)
+        return robot.joint_torque(frame, self.force * self._tangent)
+
+
+class JointTrajectory(MotionController):
+    """Cubic Hermite knots under joint impedance in the drives, gravity and path force fed forward from here."""
+
+    name = "joint_trajectory"
+
+    def __init__(self, motion: TrajectoryMotion, gains: Gains, period: float):
+        super().__init__(motion.joints, gains)
+        self._path = HermitePath(motion.times, motion.positions, motion.velocities)
+        self.clock = PathClock(self._path.length, period)
+        self._force = PathForceIntegrator(motion.path_force) if motion.path_force else None
+        self._position, self._velocity = np.zeros(len(motion.joints)), np.zeros(len(motion.joints))
+        self._lead = np.zeros(len(motion.joints))
+        self._running = 0.0
+        if motion.path_force:
+            self.force_frame = motion.path_force.frame
+
+    def activate(self, robot: RobotState, last: JointCommand) -> None:
+        self._path.evaluate(0.0, self._position, self._velocity)
+        self._lead = last.position[self.joints] - self._position
+
+    def update(self, robot: RobotState, out: JointCommand) -> None:
+        self.clock.advance()
+        self._path.evaluate(self.clock.s, self._position, self._velocity)
+        if self._running < _LEAD_IN:
+            self._running += robot.period
+            self._position += self._lead * fade(self._running, _LEAD_IN)
+        self.write_impedance(robot, out, self._position, self._velocity * self.clock.rate)
+        if self._force is not None:
+            out.torque[self.joints] += self._force.torque(robot)[self.joints]
+
+    @property
+    def path_force(self) -> float:
+        return self._force.force if self._force else 0.0

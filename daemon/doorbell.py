@@ -1,0 +1,71 @@
+"""Doorbells: how one process wakes another that sleeps, without ever waiting for it."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+from pathlib import Path
+
+
+class Doorbell:
+    """The side that is woken: a datagram socket to select on. Make it before telling anybody that you are ready."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        with contextlib.suppress(FileNotFoundError):
+            path.unlink()
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._socket.bind(str(path))
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def wait(self, timeout_s: float | None) -> bool:
+        """True as soon as it was rung since the last `wait` or `clear`; False when it was not in time."""
+        if not select.select([self._socket], [], [], timeout_s)[0]:
+            return False
+        self.clear()
+        return True
+
+    def clear(self) -> None:
+        """Forget that it was rung. Call before looking at what it announces, so that nothing is missed."""
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self._socket.recv(16)
+
+    def close(self) -> None:
+        self._socket.close()
+        with contextlib.suppress(FileNotFoundError):
+            self._path.unlink()
+
+
+class Bell:
+    """The side that wakes: `ring` never waits and never fails."""
+
+    def __init__(self, path: Path):
+        self._path = str(path)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+
+    def ring(self) -> bool:
+        """Wake whoever listens. False when nobody does: no process has made that doorbell, or it has died."""
+        try:
+            self._socket.sendto(b"!", self._path)
+        except BlockingIOError:
+            return True  # its queue is full of rings already
+        except (FileNotFoundError, ConnectionRefusedError):
+            return False
+        return True
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def server_doorbell(folder: Path) -> Path:
+    """Where the server listens for the loop, in the runtime folder."""
+    return folder / "server.bell"
+
+
+def loop_doorbell(folder: Path) -> Path:
+    """Where the loop listens for the server while it holds time, in the runtime folder."""
+    return folder / "loop.bell"

@@ -1,0 +1,96 @@
+"""End conditions, checked in the loop's cycle: what was measured against what the action allows.
+
+Each is a pure function from measurements to the value that tripped it, or None.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.robot_state import RobotState
+from handrail.messages import (
+    ContactEnd,
+    DivergenceEnd,
+    EndCondition,
+    ForceEnd,
+    JointLimitEnd,
+    PoseErrorEnd,
+    TimeEnd,
+)
+
+Array = NDArray[np.float64]
+
+
+class Trip(NamedTuple):
+    """An end condition that is met."""
+
+    condition: int
+    """its index among the action's"""
+    value: float
+    """what was measured: s, m, N or rad"""
+    joint: int
+    """row of the joint that it was about; −1: none"""
+
+
+def first_met(
+    ends: tuple[EndCondition, ...], running: float, joints: NDArray[np.int64], commanded: Array, robot: RobotState
+) -> Trip | None:
+    """The first of `ends` that is met in this cycle, in their order.
+
+    `running`: s that the action has run; `joints`: rows that it claims; `commanded`: (n,) rad as last written. Force conditions
+    read `robot.forces`, which the caller keeps estimated at `force_frames(ends)`.
+    """
+    for number, end in enumerate(ends):
+        value: float | None = None
+        joint = -1
+        match end:
+            case TimeEnd():
+                value = running if running >= end.after else None
+            case PoseErrorEnd():
+                value = beyond(distance(robot.lag(end.frame), end.axis), end.position)
+            case ForceEnd():
+                value = beyond(distance(robot.forces[end.frame], end.axis), end.limit)
+            case ContactEnd():
+                value = beyond(distance(robot.forces[end.frame], None), end.threshold)
+            case JointLimitEnd():
+                description = robot.kinematics.description
+                room = room_to_limits(
+                    robot.joints.position[joints], description.lower[joints], description.upper[joints]
+                )
+                closest = int(np.argmin(room))
+                if room[closest] < end.margin:
+                    value, joint = float(room[closest]), int(joints[closest])
+            case DivergenceEnd():
+                error = np.abs(robot.joints.position[joints] - commanded[joints])
+                worst = int(np.argmax(error))
+                if error[worst] > end.error:
+                    value, joint = float(error[worst]), int(joints[worst])
+        if value is not None:
+            return Trip(number, value, joint)
+    return None
+
+
+def force_frames(ends: tuple[EndCondition, ...]) -> tuple[str, ...]:
+    """The frames at which the external force has to be known."""
+    return tuple(end.frame for end in ends if isinstance(end, ForceEnd | ContactEnd))
+
+
+def beyond(value: float, limit: float) -> float | None:
+    """`value` where it exceeds `limit`."""
+    return value if value > limit else None
+
+
+def distance(vector: Array, axis: tuple[float, float, float] | None) -> float:
+    """Length of a vector (3,), or of its part along `axis` (any length but zero)."""
+    if axis is None:
+        return float(np.sqrt(vector @ vector))
+    along = np.asarray(axis, float)
+    return float(abs(vector @ along) / np.sqrt(along @ along))
+
+
+def room_to_limits(position: Array, lower: Array, upper: Array) -> Array:
+    """rad to the nearer position limit, negative beyond it."""
+    return np.minimum(position - lower, upper - position)

@@ -1,0 +1,209 @@
+"""`handrail up ROBOT`: the robot's service. Starts plant (if simulated), loop, server, engine and link, and keeps them alive.
+
+What a death means: the *loop* is started anew, and nothing moves until it is enabled; the *server* goes on where it was, the
+motion with it; the *engine*'s running action ends, since its owner no longer checks in; the *link* is started anew, and the
+motion goes on; the *plant* takes the loop with it, since the bus lives inside it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shlex
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.health import clear_health, write_health
+from daemon.supervisor import Child, StartError, Supervisor
+from handrail.config import ConfigError
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from handrail.runtime import Runtime
+
+
+class Clock(StrEnum):
+    """The robot's clock."""
+
+    WALL = "wall"
+    LOCKSTEP = "lockstep"
+
+
+class UsageError(ValueError):
+    """What was asked for can't be done; str() is one line for people."""
+
+
+def children(
+    description: RobotDescription,
+    *,
+    robot: str,
+    scene: str | None,
+    clock: Clock,
+    runtime: Runtime,
+    port: int,
+    engine: bool = True,
+    link: bool = True,
+) -> list[Child]:
+    """The processes of this robot's service, in the order in which they start. Raises UsageError and ConfigError.
+
+    `robot`: its name or folder as the user gave it.
+    """
+    simulated = any(channel.interface == "handrail" for channel in description.channels)
+    if clock is Clock.LOCKSTEP and not all(channel.interface == "handrail" for channel in description.channels):
+        raise UsageError(
+            f"--clock lockstep: {description.name} has real buses, and a real robot's time can't be held; expected wall"
+        )
+    if scene is not None and not simulated:
+        raise UsageError(f"--scene {scene}: {description.name} has real buses, nothing is simulated; leave it out")
+    python = (sys.executable, "-m")
+    place = ("--runtime", str(runtime.folder))
+    robot_and_clock = ("--robot", robot, "--clock", clock.value, *place)
+    processes = []
+    if simulated:
+        processes.append(
+            Child("plant", (*python, "hal.plant.world", "--scene", _checked_scene(scene), *robot_and_clock))
+        )
+    with_plant = ("plant",) if simulated else ()
+    processes.append(Child("loop", (*python, "daemon.loop", *robot_and_clock), bound_to=with_plant))
+    processes.append(Child("server", (*python, "daemon.server", *robot_and_clock)))
+    if engine:
+        processes.append(Child("engine", (*python, "engines.engine", "--robot", robot, *place), after=("server",)))
+    if link:
+        processes.append(Child("link", (*python, "handrail.link.gate", *place, "--port", str(port))))
+    return processes
+
+
+def _checked_scene(scene: str | None) -> str:
+    """The scene, read once here so that a wrong file is one clear line and not a process that dies."""
+    from hal.plant import scene as scenes  # only a simulated robot needs what it imports
+
+    if scene is None:
+        known = sorted({file.stem for folder in scenes.search_path() for file in folder.glob("*.yaml")})
+        raise UsageError(f"--scene is missing: this robot is simulated; expected one of {', '.join(known)}, or a file")
+    scenes.load(scene)
+    return scene
+
+
+@contextmanager
+def sole_service(runtime: Runtime) -> Iterator[None]:
+    """Hold the runtime folder for this process. Raises UsageError when another service runs in it."""
+    lock = os.open(runtime.folder / "up.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            who = os.read(lock, 32).decode(errors="replace").strip()
+            raise UsageError(
+                f"a robot is up in {runtime.folder} already (process {who}): end that one, or give another --runtime"
+            ) from error
+        os.ftruncate(lock, 0)
+        os.write(lock, f"{os.getpid()}\n".encode())
+        yield
+    finally:
+        os.close(lock)
+
+
+class _Log:
+    """The live log: one line an event, with the seconds since the start and the process that it is about."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._colour = sys.stdout.isatty()
+
+    def __call__(self, name: str, text: str) -> None:
+        """A line about (or of) one process."""
+        shown = f"\x1b[1m{name:<7}\x1b[0m" if self._colour else f"{name:<7}"
+        typer.echo(f"{time.monotonic() - self._start:7.1f} s  {shown} {text}")
+
+
+def up(
+    robot: Annotated[str, typer.Argument(help="Name or folder of the robot, e.g. talos_upper.")],
+    *,
+    scene: Annotated[str | None, typer.Option(help="What stands around a simulated robot: name or file.")] = None,
+    clock: Annotated[
+        Clock, typer.Option(help="wall, or lockstep: simulated time goes as fast as it can, the same way each time.")
+    ] = Clock.WALL,
+    runtime: Annotated[
+        Path | None, typer.Option(help="Folder where the robot's processes meet (default: yours).")
+    ] = None,
+    port: Annotated[
+        int, typer.Option(min=1, max=65534, help="TCP port of the link; events go out on the next.")
+    ] = 47800,
+    engine: Annotated[bool, typer.Option(help="Start the engine, which runs programs.")] = True,
+    link: Annotated[bool, typer.Option(help="Start the link, through which tablets and scripts come.")] = True,
+) -> None:
+    """Start a robot's service: plant (if simulated), loop, server, engine and link, and keep them alive until Ctrl-C.
+
+    Nothing moves before somebody enables the robot. A process that dies is started anew.
+    Exit status 0: ended as asked; 1: a process did not start; 2: wrong use.
+    """
+    try:
+        place = _place(runtime)
+        description = robots.load(robot)
+        processes = children(
+            description, robot=robot, scene=scene, clock=clock, runtime=place, port=port, engine=engine, link=link
+        )
+        with sole_service(place):
+            where = f" in scene {scene}" if scene else ""
+            typer.echo(f"{description.name}{where}, {clock.value} clock")
+            typer.echo(f"runtime folder {place.folder}")
+            _serve(processes, place, port if link else None)
+    except (ConfigError, UsageError) as error:
+        typer.echo(f"handrail up: {error}", err=True)
+        raise typer.Exit(2) from error
+    except StartError as error:
+        typer.echo(f"handrail up: {error}; everything has been ended again. What it said is above", err=True)
+        raise typer.Exit(1) from error
+
+
+def _place(runtime: Path | None) -> Runtime:
+    try:
+        return Runtime.at(runtime)
+    except (ValueError, OSError) as error:
+        raise UsageError(str(error)) from error
+
+
+def _serve(processes: list[Child], runtime: Runtime, port: int | None) -> None:
+    """Run the service until SIGINT or SIGTERM."""
+    supervisor = Supervisor(
+        processes,
+        report=_Log(),
+        environment={
+            "HANDRAIL_RUNTIME": str(runtime.folder),
+            # Each process has small problems and a core at most: threads of linear algebra only steal from the loop.
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+        },
+    )
+    supervisor.on_health = lambda health: write_health(runtime.folder, health)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _signal, _frame: supervisor.ask_end())
+    try:
+        if supervisor.start():
+            _welcome(runtime, port)
+            supervisor.run()
+        typer.echo("ending all processes")
+    finally:
+        supervisor.close()
+        clear_health(runtime.folder)
+
+
+def _welcome(runtime: Runtime, port: int | None) -> None:
+    """Tell how to go on."""
+    # A terminal that finds another folder by itself needs to be told.
+    ours = "HANDRAIL_RUNTIME" not in os.environ and runtime.folder == Runtime.at().folder
+    there = "" if ours else f" --runtime {shlex.quote(str(runtime.folder))}"
+    typer.echo("")
+    typer.echo("All up. Nothing moves before the robot is enabled.")
+    if port is not None:
+        typer.echo(f"  operator's window   handrail tablet --connect tcp://127.0.0.1:{port}")
+    typer.echo(f"  stop the robot      handrail stop{there}")
+    typer.echo("  end the service     Ctrl-C")
+    typer.echo("")

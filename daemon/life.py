@@ -1,0 +1,90 @@
+"""The robot's life: inactive, enabling, enabled, stopped; and what the loss of a drive does to it."""
+
+from __future__ import annotations
+
+from daemon.actions import ActionTable, Refusal
+from daemon.exchange import Answer, Flag, Outcome
+from daemon.manager import ControllerManager
+from hal.hardware import Goal, Hardware
+from hal.joint import JointCommand
+
+ENABLING_TIME = 2.0
+"""s of robot time after which drives that do not come to operation are given up"""
+
+
+class Life:
+    """Whether the robot may be commanded. Nothing here moves a joint except by letting controllers be active."""
+
+    def __init__(self, hardware: Hardware, manager: ControllerManager, actions: ActionTable, period: float):
+        self._hardware, self._manager, self._actions = hardware, manager, actions
+        self._patience = round(ENABLING_TIME / period)
+        self._enabling_for = -1
+        self.stopped = False
+        self.stop_reason = ""
+
+    @property
+    def enabled(self) -> bool:
+        """Every drive is in operation and every joint has a controller."""
+        return self._manager.enabled
+
+    @property
+    def flags(self) -> Flag:
+        """The bits of the snapshot that are about this."""
+        flags = Flag(0)
+        if self._manager.enabled:
+            flags |= Flag.ENABLED
+        if self.stopped:
+            flags |= Flag.STOPPED
+        if self._enabling_for >= 0:
+            flags |= Flag.ENABLING
+        return flags
+
+    def enable(self) -> Refusal | None:
+        """Take every drive to operation enabled; in the cycle in which the last one is there, hold where the robot is."""
+        if self.stopped:
+            return Refusal(Answer.STOP_LATCHED)
+        silent = self._hardware.first_silent()
+        if silent >= 0:
+            return Refusal(Answer.DRIVE_FAULT, silent)
+        if not self._manager.enabled:
+            self._hardware.goal = Goal.OPERATIONAL
+            self._enabling_for = 0
+        return None
+
+    def disable(self, last: JointCommand) -> None:
+        """Take every drive out of operation: brakes close."""
+        self._fall_to(Goal.INACTIVE, Outcome.CANCELLED, last)
+
+    def stop(self, reason: str, last: JointCommand) -> None:
+        """Operator stop: every drive quick-stops, and stays so until `clear_stop` and then `enable`."""
+        if not self.stopped:
+            self.stopped, self.stop_reason = True, reason
+        self._fall_to(Goal.QUICK_STOP, Outcome.STOPPED, last)
+
+    def clear_stop(self) -> None:
+        """Unlatch the operator stop. Nothing moves, drives stay as they are."""
+        self.stopped, self.stop_reason = False, ""
+
+    def update(self, last: JointCommand) -> None:
+        """Follow the drives: finish enabling, or quick-stop everything when one of them is lost."""
+        if self._manager.enabled:
+            lost = self._hardware.first_lost()
+            if lost >= 0:
+                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, last, lost)
+        elif self._enabling_for >= 0:
+            self._enabling_for += 1
+            if self._hardware.operational:
+                self._manager.enable()
+                self._enabling_for = -1
+            elif self._enabling_for > self._patience:
+                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, last)
+
+    def quick_stop(self, last: JointCommand, joint: int) -> None:
+        """Something that must not happen has: there is no command for `joint` that could be written."""
+        self._fall_to(Goal.QUICK_STOP, Outcome.REFUSED_BY_LIMITS, last, joint)
+
+    def _fall_to(self, goal: Goal, outcome: Outcome, last: JointCommand, joint: int = -1) -> None:
+        self._hardware.goal = goal
+        self._enabling_for = -1
+        self._manager.release_all()
+        self._actions.end_all(outcome, last, joint)

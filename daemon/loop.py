@@ -1,0 +1,271 @@
+"""The control loop: one process, one cycle, to be read from top to bottom.
+
+    python -m daemon.loop --robot talos_upper --clock lockstep|wall --runtime DIR
+
+Wall clock: cycles start at absolute deadlines; one that overruns skips whole periods and keeps phase. Lock-step: the plant steps
+when this process's Sync arrives, and the next cycle starts when the drives have answered, unless somebody holds time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Iterable
+
+import numpy as np
+
+from daemon import exchange
+from daemon.actions import Action, ActionTable
+from daemon.controllers.base import Gains
+from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon.exchange import TrajectoryMotion
+from daemon.gains import joint_damping
+from daemon.life import Life
+from daemon.mailbox import MailboxReader
+from daemon.manager import ControllerManager
+from daemon.orders import Orders
+from daemon.ring import StateRingWriter
+from daemon.robot_state import RobotState
+from daemon.safety.limits import Limits, enforce, first_not_finite
+from daemon.safety.stop_socket import StopSocket
+from daemon.snapshot import SnapshotWriter
+from daemon.time_holds import TimeHolds
+from hal.can.port import BusLost, open_port
+from hal.drives.limb_fd import LimbProtocol
+from hal.hardware import Goal, Hardware
+from hal.joint import JointCommand, JointState
+from hal.realtime import RealTime, sleep_then_spin_until
+from handrail.config import ConfigError
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from handrail.robot.kinematics import Kinematics
+from handrail.runtime import Runtime
+
+REPLY_TIMEOUT_S = 5.0
+"""wall time after which a plant in lock-step that does not answer counts as gone: then every drive is lost"""
+BEAT_S = 0.1
+"""wall time between two looks around while the loop waits, and between two HoldTime frames"""
+PRIORITY, CPUS = 80, (1,)
+"""under the wall clock: of SCHED_FIFO, above the plant's, and on the other core"""
+BELL_PERIOD_NS = 10_000_000
+"""of robot time, at which the server is woken when nothing else happens"""
+OFF_BY_LIMITS = 0.02
+"""rad by which the limits may hold a command back before its action ends"""
+
+
+class Loop:
+    """The daemon's cycle, and the parts that it moves."""
+
+    def __init__(self, hardware: Hardware, kinematics: Kinematics, lockstep: bool, runtime: Runtime):
+        description = kinematics.description
+        n, period = len(description.joints), description.period_ns * 1e-9
+        damping = joint_damping(kinematics, description.home_position())
+        gains = Gains(*hardware.representable_gains(description.stiffness, damping))
+        self.hardware, self.lockstep, self.period_ns = hardware, lockstep, description.period_ns
+        self.robot = RobotState(kinematics, hardware.state, period)
+        self.manager = ControllerManager(self.robot, gains)
+        self.actions = ActionTable(self.manager, self.robot)
+        self.life = Life(hardware, self.manager, self.actions, period)
+        self.holds = TimeHolds(lockstep)
+        self.limits = Limits.of(description)
+        self.written, self._next, self._commanding = JointCommand(n), JointCommand(n), False
+
+        self.stop_socket = StopSocket(runtime.stop)
+        self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
+        mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
+        self.orders = Orders(mailbox, exchange.frame_names(description), self.life, self.actions, self.holds)
+        ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(n, len(description.channels)))
+        self.snapshot = SnapshotWriter(ring, hardware, self.robot, self.manager, self.life, self.actions, self.orders)
+        self.cycles = self.time_ns = self.misses = self.limited = self.work_ns = self.late_ns = self._rang_ns = 0
+        self.ending = False
+
+    def cycle(self) -> None:
+        """One period of the robot's time."""
+        began = time.perf_counter_ns()
+        self.actions.cycle = self.cycles
+        self.serve_stop()
+        self.read_bus()
+        self.robot.update(self.written.position, self.written.velocity)
+        self.orders.serve(self.written, self.time_ns)
+        self.life.update(self.written)
+        self.robot.estimate_forces(self.actions.force_frames())
+        self.after_end(self.actions.check(self.written))
+        command = self.run_controllers()
+        self.hardware.write(command, self.cycles)
+        self.work_ns = time.perf_counter_ns() - began
+        self.publish()
+        self.cycles += 1
+
+    def serve_stop(self) -> None:
+        """The operator stop comes first, whatever else goes on."""
+        for request in self.stop_socket.requests():
+            if request.stop:
+                self.life.stop(request.reason, self.written)
+                self.holds.release_all()  # the drives must hear of it: time goes on
+            else:
+                self.life.clear_stop()
+
+    def read_bus(self) -> None:
+        """Take in the drives' replies; in lock-step, wait for them."""
+        gives_up = time.monotonic() + (REPLY_TIMEOUT_S if self.hardware.first_silent() < 0 else BEAT_S)
+        while not self.hardware.read(BEAT_S if self.lockstep else 0.0):
+            self.serve_stop()
+            if self.ending or time.monotonic() > gives_up:
+                self.hardware.give_up()
+                return
+        if self.lockstep:  # a plant's clock goes on while no daemon runs
+            self.time_ns = max(self.time_ns, self.hardware.bus_time_ns // self.period_ns * self.period_ns)
+
+    def run_controllers(self) -> JointCommand | None:
+        """This cycle's command within the limits, or None where nobody commands the robot."""
+        if self.manager.enabled:
+            wanted = self.manager.update(self.written)
+            if (bad := first_not_finite(wanted)) >= 0:
+                self.after_end(self.actions.refuse(bad, self.written))
+                wanted = self.manager.update(self.written)
+            if (bad := first_not_finite(wanted)) < 0:
+                return self.within_limits(wanted)
+            self.life.quick_stop(self.written, bad)
+        self.written.follow(self.hardware.state)
+        self._commanding = False
+        return None
+
+    def within_limits(self, wanted: JointCommand) -> JointCommand:
+        """The last word: what is written, and what the next cycle calls the previous command."""
+        command, previous = self._next, self.written
+        command.copy_from(wanted)
+        # The first command after enabling has none before it: the brakes carried the robot.
+        if enforce(command, previous if self._commanding else wanted, self.hardware.state, self.limits):
+            self.limited += 1
+            off = np.abs(command.position - wanted.position)
+            if (worst := int(np.argmax(off))) >= 0 and off[worst] > OFF_BY_LIMITS:
+                self.after_end(self.actions.refuse(worst, command, float(off[worst])))
+        self.written, self._next, self._commanding = command, previous, True
+        return command
+
+    def after_end(self, ended: Iterable[Action]) -> None:
+        """In lock-step an owner may have asked for time to think at its action's end."""
+        for action in ended:
+            if action.hold_after > 0.0:
+                self.holds.add(action.owner, action.hold_after)
+
+    def publish(self) -> None:
+        """The snapshot leaves; the server hears of it when something happened, or after a while."""
+        held = self.holds.active()
+        numbers = (self.cycles, self.time_ns, self.misses, self.limited, self.work_ns, self.late_ns)
+        happened = self.snapshot.publish(self.written, held, *numbers)
+        if happened or self.time_ns - self._rang_ns >= BELL_PERIOD_NS:
+            self._rang_ns = self.time_ns
+            self.server.ring()
+
+    # ------------------------------------------------------------------------------------------------- from cycle to cycle
+
+    def run(self) -> None:
+        """Run until `end`. Raises BusLost."""
+        warnings = [] if self.lockstep else RealTime(priority=PRIORITY, cpus=CPUS).warnings
+        for warning in warnings:
+            print(f"daemon loop: {warning}", file=sys.stderr, flush=True)
+        print("loop ready", flush=True)
+        if self.lockstep:
+            self.run_lockstep()
+        else:
+            self.run_wall()
+
+    def run_lockstep(self) -> None:
+        """Cycles as fast as the plant answers, robot time counted in periods."""
+        while not self.ending:
+            self.cycle()
+            self.time_ns += self.period_ns
+            self.wait_while_held()
+
+    def wait_while_held(self) -> None:
+        """Between two cycles, as long as somebody holds time: only stop socket and mailbox are served."""
+        next_beat = time.monotonic()
+        while self.holds.active() and not self.ending:
+            if (now := time.monotonic()) >= next_beat:
+                self.hardware.hold_time(self.cycles)
+                next_beat = now + BEAT_S
+            wait = min(next_beat - now, self.holds.remaining())
+            select.select([self.stop_socket.fileno(), self.doorbell.fileno()], [], [], wait)
+            self.doorbell.clear()
+            self.serve_stop()
+            while self.orders.serve(self.written, self.time_ns):
+                self.publish()
+
+    def run_wall(self) -> None:
+        """Cycles at absolute deadlines, half a millisecond off the plant's, robot time is the monotonic clock's."""
+        period = self.period_ns
+        deadline = (time.monotonic_ns() // period + 2) * period + 500_000
+        while not self.ending:
+            sleep_then_spin_until(deadline)
+            self.time_ns, self.late_ns = deadline, time.monotonic_ns() - deadline
+            self.cycle()
+            deadline += period
+            if (over := time.monotonic_ns() - deadline) > 0:
+                skipped = over // period + 1
+                self.misses += skipped
+                deadline += skipped * period
+
+    def end(self, *_: object) -> None:
+        """Finish after the present cycle (a signal handler)."""
+        self.ending = True
+
+    def close(self) -> None:
+        """Quick-stop what is in operation, and leave."""
+        if self.life.enabled:
+            self.hardware.goal = Goal.QUICK_STOP
+            with contextlib.suppress(BusLost):  # then the drives' own watchdogs do it
+                self.hardware.write(None, self.cycles)
+        for part in (self.hardware, self.stop_socket, self.doorbell, self.server):
+            part.close()
+
+
+def warm_up(kinematics: Kinematics) -> None:
+    """Compile what the cycle calls, before the bus is joined: its socket would fill while nobody reads."""
+    n = len(kinematics.description.joints)
+    limits, state, command = Limits.of(kinematics.description), JointState(n), JointCommand(n)
+    robot = RobotState(kinematics, state, limits.period)
+    robot.update(state.position, state.velocity)
+    path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
+    motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)
+    motion.activate(robot, command)
+    motion.update(robot, command)
+    first_not_finite(command)
+    enforce(command, JointCommand(n), state, limits)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the loop until SIGTERM. Returns 1 when there is no bus (any more), 2 when the robot's files are no good."""
+    parser = argparse.ArgumentParser(prog="python -m daemon.loop", description="Handrail's control loop.")
+    parser.add_argument("--robot", required=True, help="name of a robot, or its folder")
+    parser.add_argument("--clock", choices=("wall", "lockstep"), required=True)
+    parser.add_argument("--runtime", help="folder in which the robot's processes meet")
+    given = parser.parse_args(arguments)
+    try:
+        description, runtime = robots.load(given.robot), Runtime.at(given.runtime)
+        kinematics, protocol = Kinematics(description), LimbProtocol(description)
+        warm_up(kinematics)
+        hardware = Hardware(description, open_port(description, runtime), protocol)
+        loop = Loop(hardware, kinematics, given.clock == "lockstep", runtime)
+        signal.signal(signal.SIGTERM, loop.end)
+        signal.signal(signal.SIGINT, loop.end)
+        try:
+            loop.run()
+        finally:
+            loop.close()
+    except (BusLost, ConfigError, ValueError) as error:
+        print(f"daemon loop: {error}", file=sys.stderr, flush=True)
+        return 1 if isinstance(error, BusLost) else 2
+    return 0
+
+
+if __name__ == "__main__":
+    code = main()
+    sys.stdout.flush()
+    os._exit(code)  # everything is closed; taking the interpreter apart can cost a second on a busy machine

@@ -1,0 +1,72 @@
+"""What the loop does with a command from its mailbox, and the answer that the next snapshot carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daemon.actions import ActionTable, Refusal
+from daemon.exchange import Answer, Command, CommandReader, Kind, decode
+from daemon.life import Life
+from daemon.time_holds import TimeHolds
+from hal.joint import JointCommand
+
+
+class Orders:
+    """Serves the mailbox, one command a call."""
+
+    def __init__(
+        self, mailbox: CommandReader, frames: Sequence[str], life: Life, actions: ActionTable, holds: TimeHolds
+    ):
+        self._mailbox, self._frames = mailbox, frames
+        self._life, self._actions, self._holds = life, actions, holds
+        self.answered = 0
+        """serial of the command handled last"""
+        self.answer = Refusal(Answer.NONE)
+
+    def serve(self, last: JointCommand, time_ns: int) -> bool:
+        """Do what the oldest command in the mailbox asks for. False when none waits."""
+        mail = self._mailbox.take()
+        if mail is None:
+            return False
+        self.answered = int(mail[0].reshape(())["serial"])
+        try:
+            command = decode(*mail, self._frames)
+        except (ValueError, IndexError):
+            # The server encodes what it has checked; whatever else lies here is not obeyed, not even in part.
+            refusal: Refusal | None = Refusal(Answer.MALFORMED)
+        else:
+            refusal = self._do(command, last, time_ns)
+        finally:
+            self._mailbox.done()
+        self.answer = refusal or Refusal(Answer.ACCEPTED)
+        return True
+
+    def _do(self, command: Command, last: JointCommand, time_ns: int) -> Refusal | None:
+        life, actions = self._life, self._actions
+        match command.kind:
+            case Kind.ENABLE:
+                return life.enable()
+            case Kind.DISABLE:
+                life.disable(last)
+            case Kind.START:
+                # Whatever becomes of the start, its owner has done its thinking.
+                self._holds.release(command.owner)
+                if life.stopped:
+                    return Refusal(Answer.STOP_LATCHED)
+                if not life.enabled:
+                    return Refusal(Answer.NOT_ENABLED)
+                return actions.start(command, last, time_ns)
+            case Kind.CANCEL:
+                return actions.cancel(command.action)
+            case Kind.PAUSE:
+                return actions.pause(command.action)
+            case Kind.RESUME:
+                return actions.resume(command.action)
+            case Kind.LOSE_OWNER:
+                actions.lose_owner(command.owner)
+                self._holds.release(command.owner)
+            case Kind.HOLD_TIME:
+                return None if self._holds.add(command.owner, command.value) else Refusal(Answer.TOO_MANY)
+            case Kind.RELEASE_TIME:
+                self._holds.release(command.owner)
+        return None

@@ -1,0 +1,127 @@
+"""References that controllers follow: paths over a path parameter s in seconds, and the clock that moves s along.
+
+At rate 1 a path runs as it was planned. Pausing, resuming and cancelling change the rate, jerk-limited, so the robot slows down
+along its path instead of leaving it (ruckig, velocity interface, one degree of freedom).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from ruckig import ControlInterface, InputParameter, OutputParameter, Ruckig
+
+Array = NDArray[np.float64]
+
+_MAX_RATE_CHANGE = 5.0
+"""1/s"""
+_MAX_RATE_JERK = 60.0
+"""1/s²"""
+
+
+class PathClock:
+    """The path parameter s, s, with its rate ds/dt in [0, 1] from 1 at the start."""
+
+    def __init__(self, length: float, period: float):
+        """`length`: s at the path's end; `period`: of the loop, s."""
+        self.length, self._period = length, period
+        self.s, self.rate = 0.0, 1.0
+        self._target = 1.0
+        self._ruckig = Ruckig(1, period)
+        self._input, self._output = InputParameter(1), OutputParameter(1)
+        self._input.control_interface = ControlInterface.Velocity
+        self._input.max_acceleration, self._input.max_jerk = [_MAX_RATE_CHANGE], [_MAX_RATE_JERK]
+        self._input.current_acceleration = [0.0]
+        self._steady = True
+
+    def slow_to(self, rate: float) -> None:
+        """Bring the rate to 0 (stand) or 1 (as planned) from now on."""
+        if rate != self._target:
+            if self._steady:
+                self._input.current_velocity, self._input.current_acceleration = [self.rate], [0.0]
+            self._target, self._steady = rate, False
+            self._input.target_velocity = [rate]
+
+    def advance(self) -> None:
+        """Move on by one cycle."""
+        if self._steady:
+            self.s = min(self.s + self.rate * self._period, self.length)
+            return
+        self._input.current_position = [self.s]
+        self._ruckig.update(self._input, self._output)
+        self._output.pass_to_input(self._input)
+        self.s = min(self._output.new_position[0], self.length)
+        self.rate = min(max(self._output.new_velocity[0], 0.0), 1.0)
+        if abs(self.rate - self._target) < 1e-9 and abs(self._output.new_acceleration[0]) < 1e-9:
+            self.rate, self._steady = self._target, True
+
+    @property
+    def at_end(self) -> bool:
+        """The path has been run to its end."""
+        return self.s >= self.length
+
+    @property
+    def standing(self) -> bool:
+        """s does not move, and will not until the rate is brought up."""
+        return self._steady and self.rate == 0.0
+
+
+class HermitePath:
+    """Joint positions over s: cubic Hermite polynomials between knots."""
+
+    def __init__(self, times: Array, positions: Array, velocities: Array):
+        """`times` (k,) s, increasing from 0; `positions`, `velocities` (k, m) rad, rad/s."""
+        self._times, self._positions, self._velocities = times, positions, velocities
+        self._at = 0
+        self.length = float(times[-1])
+
+    def evaluate(self, s: float, position: Array, velocity: Array) -> None:
+        """Write position (m,) rad and its derivative by s (m,) rad/s; s only grows from call to call, beyond the end it stays."""
+        self._at = _hermite(s, self._at, self._times, self._positions, self._velocities, position, velocity)
+
+
+@numba.njit(cache=True)
+def _hermite(s, at, times, positions, velocities, position, velocity):  # type: ignore[no-untyped-def]
+    last = times.shape[0] - 1
+    if s >= times[last]:
+        position[:] = positions[last]
+        velocity[:] = velocities[last]
+        return last
+    while times[at + 1] <= s:
+        at += 1
+    h = times[at + 1] - times[at]
+    u = (s - times[at]) / h
+    uu, uuu = u * u, u * u * u
+    for j in range(position.shape[0]):
+        p0, p1, v0, v1 = positions[at, j], positions[at + 1, j], velocities[at, j], velocities[at + 1, j]
+        position[j] = (
+            (2 * uuu - 3 * uu + 1) * p0 + (uuu - 2 * uu + u) * h * v0 + (3 * uu - 2 * uuu) * p1 + (uuu - uu) * h * v1
+        )
+        velocity[j] = (6 * uu - 6 * u) / h * (p0 - p1) + (3 * uu - 4 * u + 1) * v0 + (3 * uu - 2 * u) * v1
+    return at
+
+
+class LinePath:
+    """A frame's pose over s: a straight line and the shortest turn, both with minimum-jerk timing (Flash and Hogan 1985)."""
+
+    def __init__(self, rotation: Array, translation: Array, goal: pin.SE3, duration: float):
+        """From `rotation` (3, 3) and `translation` (3,) m to `goal`, world frame, in `duration` s."""
+        self.length = duration
+        self._rotation, self._translation = rotation, translation
+        self._shift = goal.translation - translation
+        self._turn = pin.log3(rotation.T @ goal.rotation)
+
+    def evaluate(self, s: float) -> tuple[Array, Array, Array, Array]:
+        """(rotation (3, 3), translation (3,) m, linear (3,) m/s, angular (3,) rad/s): velocities by s, world axes."""
+        u = min(max(s / self.length, 0.0), 1.0)
+        share = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        slope = 30.0 * u * u * (1.0 - u) ** 2 / self.length
+        rotation = self._rotation @ pin.exp3(share * self._turn)
+        return rotation, self._translation + share * self._shift, slope * self._shift, rotation @ (slope * self._turn)
+
+
+def fade(elapsed: float, duration: float) -> float:
+    """A smooth 1 → 0 over `duration` s, flat at both ends."""
+    u = min(max(elapsed / duration, 0.0), 1.0)
+    return 1.0 - u * u * (3.0 - 2.0 * u)

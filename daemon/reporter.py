@@ -1,0 +1,224 @@
+"""Snapshots in, messages out: what the loop did, as robot states, action events and the daemon's status."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Literal
+
+import numpy as np
+
+from daemon.exchange import (
+    MAX_HOLDS,
+    ActionState,
+    Flag,
+    action_event,
+    active_controllers,
+    robot_state,
+)
+from daemon.journal import Journal, Started
+from hal.drives.lifecycle import State, decode_statusword
+from handrail.messages import ActionEvent, BusStatistics, DaemonStatus, DriveStatus, LoopStatistics, RobotState
+from handrail.robot.description import RobotDescription
+
+_SILENT_CYCLES = 10
+STATE_PERIOD_NS = 10_000_000
+"""of RobotState, in the robot's time"""
+_LOAD_WINDOW_NS = 1_000_000_000
+_TIMING_WINDOW = 2500
+"""cycles over which the percentiles are taken"""
+
+
+class Reporter:
+    """Follows the loop through its snapshots."""
+
+    def __init__(self, description: RobotDescription, clock: Literal["wall", "lockstep"], journal: Journal):
+        """`journal`: the actions that were given to the loop."""
+        self._description, self._clock, self._journal = description, clock, journal
+        self.snapshot: np.ndarray | None = None
+        """the newest, shape (); None while no loop has published one"""
+        self.alive = False
+        """whether a loop is running"""
+        self._slot_states: dict[int, tuple[int, int]] = {}
+        self._times = np.zeros((2, _TIMING_WINDOW))
+        self._timed = 0
+        self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
+        self._signature: object = None
+
+    def follow(self, snapshots: np.ndarray) -> Iterator[RobotState | ActionEvent]:
+        """What new snapshots (k,), oldest first, have to tell. Each is told once; call with what a ring's `read` gives."""
+        if not len(snapshots):
+            return
+        before = int(self.snapshot["time_ns"]) if self.snapshot is not None else -1
+        self.alive = True
+        self._time(snapshots)
+        ticks = snapshots["time_ns"] // STATE_PERIOD_NS
+        previous = np.concatenate(([before // STATE_PERIOD_NS], ticks[:-1]))
+        new_tick = ticks != previous
+        # Only snapshots in which some action changed are looked at one by one.
+        marks = np.stack((snapshots["actions"]["serial"].astype(np.int64), snapshots["actions"]["state"]), axis=-1)
+        told = np.zeros(len(snapshots), bool)
+        told[1:] = (marks[1:] != marks[:-1]).any(axis=(1, 2))
+        told[0] = True
+        for row in np.flatnonzero(new_tick | told):
+            if told[row]:
+                yield from self._action_events(snapshots[row])
+            if new_tick[row]:
+                yield robot_state(snapshots[row])
+        self.snapshot = snapshots[-1].reshape(())
+        newest = snapshots[-1]
+        if not self._loads or int(newest["time_ns"]) - self._loads[-1][0] >= _LOAD_WINDOW_NS // 20:
+            self._loads.append((int(newest["time_ns"]), newest["busy_ns"].copy()))
+
+    def _action_events(self, snapshot: np.void) -> Iterator[ActionEvent]:
+        for number, slot in enumerate(snapshot["actions"]):
+            mark = (int(slot["serial"]), int(slot["state"]))
+            if mark[0] == 0 or mark[1] == ActionState.EMPTY or self._slot_states.get(number) == mark:
+                continue
+            previous, _ = self._slot_states.get(number, (0, 0))
+            self._slot_states[number] = mark
+            if previous not in (0, mark[0]) and (unseen := self._journal.find(previous)) is not None:
+                self._journal.ended(previous)
+                why = "its end was not seen: the server fell behind the loop"
+                yield _ended(unseen, why, int(snapshot["time_ns"]), int(snapshot["cycle"]))
+            if (started := self._journal.find(mark[0])) is None:
+                continue  # told already by the server that ran before this one
+            yield action_event(slot, started.id, started.ends, self._description.joints)
+            if mark[1] == ActionState.ENDED:
+                self._journal.ended(mark[0])
+
+    def lose_loop(self, why: str) -> Iterator[ActionEvent]:
+        """The loop has died, or has started anew: every action that it ran has ended. Told once."""
+        self.alive = False
+        self._slot_states.clear()
+        self._loads.clear()
+        time_ns, cycle = (
+            (0, 0) if self.snapshot is None else (int(self.snapshot["time_ns"]), int(self.snapshot["cycle"]))
+        )
+        for started in self._journal.running():
+            self._journal.ended(started.serial)
+            yield _ended(started, why, time_ns, cycle)
+
+    def running_owners(self) -> set[int]:
+        """Numbers of the owners of actions that run or are paused."""
+        if self.snapshot is None or not self.alive:
+            return set()
+        slots = self.snapshot["actions"]
+        active = (slots["state"] == ActionState.RUNNING) | (slots["state"] == ActionState.PAUSED)
+        return {int(owner) for owner in slots["owner"][active]}
+
+    def changed(self) -> bool:
+        """True when the status differs in more than numbers from what it was at the last call."""
+        signature: object = self.alive
+        if self.snapshot is not None:
+            newest = self.snapshot
+            signature = (
+                self.alive,
+                int(newest["flags"]),
+                tuple(drive_states(newest)),
+                *(newest[field].tobytes() for field in ("stop_reason", "claims", "error", "holds")),
+                newest["actions"]["serial"].tobytes(),
+                newest["actions"]["state"].tobytes(),
+            )
+        if signature == self._signature:
+            return False
+        self._signature = signature
+        return True
+
+    def status(self, owner_name: Callable[[int], str], processes: dict[str, str]) -> DaemonStatus:
+        """The daemon's status now. `processes`: health of the service's processes, as its supervisor tells it."""
+        joints = self._description.joints
+        if self.snapshot is None or not self.alive:
+            stopped = self.snapshot is not None and bool(Flag(int(self.snapshot["flags"])) & Flag.STOPPED)
+            return DaemonStatus(
+                time_ns=0 if self.snapshot is None else int(self.snapshot["time_ns"]),
+                clock=self._clock,
+                enabled=False,
+                stopped=stopped,
+                stop_reason=_text(self.snapshot["stop_reason"]) if stopped and self.snapshot is not None else "",
+                drives=[DriveStatus(joint=joint, state="unknown") for joint in joints],
+                controllers={},
+                loop=LoopStatistics(),
+                buses=[BusStatistics(channel=channel.name) for channel in self._description.channels],
+                processes=processes,
+            )
+        newest = self.snapshot
+        flags = Flag(int(newest["flags"]))
+        drives = zip(joints, drive_states(newest), newest["error"], newest["temperature"], strict=True)
+        return DaemonStatus(
+            time_ns=int(newest["time_ns"]),
+            clock=self._clock,
+            enabled=Flag.ENABLED in flags,
+            stopped=Flag.STOPPED in flags,
+            stop_reason=_text(newest["stop_reason"]),
+            drives=[
+                DriveStatus(joint=joint, state=state, error=int(error), temperature=float(heat))
+                for joint, state, error, heat in drives
+            ],
+            controllers=active_controllers(newest, joints),
+            action=self._running_action(newest),
+            loop=self._loop_statistics(newest),
+            buses=self._bus_statistics(newest),
+            holds=[owner_name(int(owner)) for owner in newest["holds"][:MAX_HOLDS] if owner],
+            processes=processes,
+        )
+
+    def _running_action(self, newest: np.ndarray) -> str:
+        for slot in newest["actions"]:
+            if slot["state"] in (ActionState.RUNNING, ActionState.PAUSED):
+                started = self._journal.find(int(slot["serial"]))
+                return started.id if started else f"serial {int(slot['serial'])}"
+        return ""
+
+    def _time(self, snapshots: np.ndarray) -> None:
+        """Keep the last cycles' times in a ring of two rows: work, lateness (ns)."""
+        new = snapshots[-_TIMING_WINDOW:]
+        places = (self._timed + np.arange(len(new))) % _TIMING_WINDOW
+        self._times[0, places], self._times[1, places] = new["work_ns"], new["late_ns"]
+        self._timed += len(new)
+
+    def _loop_statistics(self, newest: np.ndarray) -> LoopStatistics:
+        known = self._times[:, : min(self._timed, _TIMING_WINDOW)] / 1e3
+        (work_p50, late_p50), (work_p99, late_p99) = np.percentile(known, (50, 99), axis=1)
+        return LoopStatistics(
+            cycles=int(newest["cycle"]),
+            misses=int(newest["misses"]),
+            stale_replies=int(newest["stale_replies"]),
+            crc_errors=int(newest["crc_errors"]),
+            work_p50_us=float(work_p50),
+            work_p99_us=float(work_p99),
+            late_p50_us=float(late_p50),
+            late_p99_us=float(late_p99),
+            limited=int(newest["limited"]),
+        )
+
+    def _bus_statistics(self, newest: np.ndarray) -> list[BusStatistics]:
+        now = int(newest["time_ns"])
+        while len(self._loads) > 1 and now - self._loads[0][0] > _LOAD_WINDOW_NS:
+            self._loads.popleft()
+        then, busy_then = self._loads[0] if self._loads else (now, newest["busy_ns"])
+        share = (newest["busy_ns"] - busy_then) / max(now - then, 1)
+        return [
+            BusStatistics(
+                channel=channel.name,
+                frames_sent=int(newest["frames_sent"][row]),
+                frames_received=int(newest["frames_received"][row]),
+                load=float(share[row]),
+            )
+            for row, channel in enumerate(self._description.channels)
+        ]
+
+
+def drive_states(snapshot: np.ndarray) -> list[str]:
+    """Each drive's CiA 402 state in words; `unknown` for one that does not answer."""
+    states = decode_statusword(snapshot["status"])
+    silent = snapshot["age"] > _SILENT_CYCLES
+    return ["unknown" if quiet else State(int(state)).name.lower() for state, quiet in zip(states, silent, strict=True)]
+
+
+def _ended(started: Started, why: str, time_ns: int, cycle: int) -> ActionEvent:
+    return ActionEvent(id=started.id, state="ended", outcome="stopped", detail=why, time_ns=time_ns, cycle=cycle)
+
+
+def _text(raw: np.ndarray) -> str:
+    return bytes(raw).rstrip(b"\0").decode(errors="replace")

@@ -1,0 +1,113 @@
+"""The ring of snapshots through which the loop tells the processes beside it what the robot does.
+
+The loop never waits for a reader: it overwrites the oldest snapshot. Snapshots are guarded as in a seqlock: a slot's sequence
+number is withdrawn, the record copied, the number set; a reader copies, then looks whether the number still stands. This
+rests on stores becoming visible in program order, which x86-64 guarantees (Intel SDM vol. 3, 8.2.2), and on aligned 8-byte
+words being written whole.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daemon.shared_file import COUNTER, WORDS, Attached, create, whole_lines
+
+_MARK = 0x48525354415445_01
+
+
+def _slot(record: np.dtype) -> np.dtype:
+    """One snapshot with its sequence number in front, in whole cache lines."""
+    return np.dtype(
+        {
+            "names": ["sequence", "record"],
+            "formats": [np.int64, record],
+            "offsets": [0, 8],
+            "itemsize": whole_lines(8 + record.itemsize),
+        }
+    )
+
+
+class StateRingWriter:
+    """The loop's side: fill `record`, then `publish`. Never waits, never allocates after the start."""
+
+    def __init__(self, path: Path, record: np.dtype, capacity: int = 2048):
+        """`record`: dtype of one snapshot; `capacity`: how many snapshots a slow reader may fall behind."""
+        slot = _slot(record)
+        self._memory = create(
+            path, WORDS * 8 + capacity * slot.itemsize, magic=_MARK, record_size=record.itemsize, count=capacity
+        )
+        self._words = np.frombuffer(self._memory, np.int64, WORDS)
+        slots = np.frombuffer(self._memory, slot, capacity, WORDS * 8)
+        self._sequences = slots["sequence"]
+        raw = np.frombuffer(self._memory, np.uint8, capacity * slot.itemsize, WORDS * 8).reshape(
+            capacity, slot.itemsize
+        )
+        self._rows = [row[8 : 8 + record.itemsize] for row in raw]
+        self.record = np.zeros((), record)
+        """the snapshot to be published next, shape (); keeps what was filled in before"""
+        self._bytes = self.record.reshape(1).view(np.uint8)
+        self._capacity = capacity
+        self.sequence = 0
+        """of the snapshot published last; the first has 1"""
+
+    def publish(self) -> int:
+        """Let readers see a copy of `record`. Returns its sequence number."""
+        sequence = self.sequence + 1
+        index = sequence % self._capacity
+        self._sequences[index] = -1
+        self._rows[index][:] = self._bytes
+        self._sequences[index] = sequence
+        self._words[COUNTER] = sequence
+        self.sequence = sequence
+        return sequence
+
+
+class StateRingReader:
+    """Reads snapshots in order, across restarts of the loop. Any number of readers; none of them disturbs the loop."""
+
+    def __init__(self, path: Path, record: np.dtype):
+        self._file = Attached(path, _MARK, record.itemsize)
+        self._record = record
+        self._last = 0
+        self._mapped = 0
+        self.missed = 0
+        """snapshots overwritten before they were read"""
+
+    @property
+    def generation(self) -> int:
+        """0: no loop has started yet; goes up by one whenever one has started anew."""
+        return self._file.generation
+
+    def read(self) -> np.ndarray:
+        """Copies of the snapshots published since the last call, oldest first, shape (k,), k ≥ 0.
+
+        The first call gives the newest only. Never spans a restart of the loop: what the old loop had published and was not
+        read before the new one started is lost.
+        """
+        if not self._attach():
+            return np.zeros(0, self._record)
+        head = int(self._words[COUNTER])
+        # One slot less than there are: the next one is the writer's to overwrite at any moment.
+        first = max(self._last + 1, head - self._file.count + 2)
+        self.missed += first - self._last - 1
+        expected = np.arange(first, head + 1)
+        index = expected % self._file.count
+        copies = self._slots["record"][index]
+        whole = self._slots["sequence"][index] == expected
+        self.missed += int(np.count_nonzero(~whole))
+        self._last = max(head, self._last)
+        return copies[whole]
+
+    def _attach(self) -> bool:
+        if not self._file.refresh():
+            return False
+        if self._mapped != self._file.generation:
+            first_ever = self._mapped == 0
+            self._mapped = self._file.generation
+            assert self._file.memory is not None
+            self._words = np.frombuffer(self._file.memory, np.int64, WORDS)
+            self._slots = np.frombuffer(self._file.memory, _slot(self._record), self._file.count, WORDS * 8)
+            self._last = max(0, int(self._words[COUNTER]) - 1) if first_ever else 0
+        return True

@@ -1,0 +1,148 @@
+"""What the loop knows of the robot in one cycle: measured joints, the model at them, and the model at what was commanded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hal.joint import JointState
+from handrail.robot.kinematics import Kinematics
+
+Array = NDArray[np.float64]
+
+_FORCE_CUTOFF_HZ = 30.0
+_FORCE_DAMPING = 0.05
+"""m: lever below which a direction counts as one that the joints can't feel"""
+
+
+class FramePose(NamedTuple):
+    """A frame in the world."""
+
+    rotation: Array
+    """(3, 3)"""
+    translation: Array
+    """(3,) m"""
+
+
+class RobotState:
+    """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
+
+    The model's passes run once a cycle in `update`; frames and Jacobians are computed when asked for. Arrays have one row a
+    joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten by the next `update`.
+    """
+
+    def __init__(self, kinematics: Kinematics, joints: JointState, period: float):
+        self.kinematics = kinematics
+        self.joints = joints
+        self.period = period
+        self.gravity = np.zeros(len(joints))
+        """N·m (n,), at the measured position"""
+        self.forces: dict[str, Array] = {}
+        """frame → N (3,), world axes: what something outside exerts there; see `estimate_forces`"""
+        self._model = kinematics.model
+        self._measured, self._commanded = self._model.createData(), self._model.createData()
+        self._rows = kinematics.index_v
+        self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        self._torque_weight = 1.0 / kinematics.description.torque_limit
+        self._force_gain = 1.0 - np.exp(-2.0 * np.pi * _FORCE_CUTOFF_HZ * period)
+        self._jacobians_fresh = False
+        _least_squares_force(np.zeros((6, self._model.nv), order="F"), self._rows, self.gravity, self._torque_weight)
+
+    def update(self, commanded_position: Array, commanded_velocity: Array) -> None:
+        """Take the joints as measured now, and what was commanded in the cycle before, into the model."""
+        self._q[self._rows] = self.joints.position
+        self._v[self._rows] = self.joints.velocity
+        self._q_command[self._rows] = commanded_position
+        self._v_command[self._rows] = commanded_velocity
+        self.gravity[:] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
+        pin.forwardKinematics(self._model, self._measured, self._q, self._v)
+        pin.forwardKinematics(self._model, self._commanded, self._q_command, self._v_command)
+        self._jacobians_fresh = False
+
+    def frame(self, name: str) -> FramePose:
+        """A frame where it is measured to be."""
+        pose = pin.updateFramePlacement(self._model, self._measured, self.kinematics.frame_id(name))
+        return FramePose(pose.rotation.copy(), pose.translation.copy())
+
+    def commanded_frame(self, name: str) -> FramePose:
+        """A frame where the joints are commanded to bring it."""
+        pose = pin.updateFramePlacement(self._model, self._commanded, self.kinematics.frame_id(name))
+        return FramePose(pose.rotation.copy(), pose.translation.copy())
+
+    def lag(self, name: str) -> Array:
+        """(3,) m: a frame's commanded minus its measured position."""
+        frame = self.kinematics.frame_id(name)
+        commanded = pin.updateFramePlacement(self._model, self._commanded, frame).translation
+        return commanded - pin.updateFramePlacement(self._model, self._measured, frame).translation
+
+    def commanded_frame_velocity(self, name: str) -> Array:
+        """Linear velocity (3,) m/s of a frame's origin, world axes, as commanded."""
+        frame = self.kinematics.frame_id(name)
+        motion = pin.getFrameVelocity(self._model, self._commanded, frame, pin.LOCAL_WORLD_ALIGNED)
+        return motion.linear.copy()
+
+    def jacobian(self, name: str) -> Array:
+        """(6, n): linear and angular velocity of a frame's origin, world axes, per joint velocity, where it is measured."""
+        return self._model_jacobian(name)[:, self._rows]
+
+    def joint_torque(self, name: str, force: Array) -> Array:
+        """Jᵀ F, N·m (n,): joint torques that make a force (3,) N, world axes, at a frame's origin."""
+        return (force @ self._model_jacobian(name)[:3])[self._rows]
+
+    def estimate_forces(self, frames: Collection[str]) -> None:
+        """Update `forces`: for each of `frames`, the force that something outside exerts on its origin.
+
+        Weighted, damped least squares of Jᵀ F = C(q, q̇) q̇ + g(q) − τ_spring, low-passed at 30 Hz. Quasi-static, and meant for
+        guards, not for force control: M(q) q̈ is left out, so a free arm that accelerates at 1 m/s² reads a few newtons; a moment
+        at the frame, or a force elsewhere on the arm, is taken for a force at the frame; an error of the model's mass counts
+        fully; along directions that the joints hardly move the estimate is pulled to zero by the damping. Each frame is
+        estimated as if it were the only one touched.
+        """
+        for old in [frame for frame in self.forces if frame not in frames]:
+            del self.forces[old]
+        if not frames:
+            return
+        bias = pin.nonLinearEffects(self._model, self._measured, self._q, self._v)[self._rows]
+        residual = bias - self.joints.torque
+        for frame in frames:
+            force = _least_squares_force(self._model_jacobian(frame), self._rows, residual, self._torque_weight)
+            if frame in self.forces:
+                self.forces[frame] += self._force_gain * (force - self.forces[frame])
+            else:
+                self.forces[frame] = force
+
+    def _model_jacobian(self, name: str) -> Array:
+        if not self._jacobians_fresh:
+            pin.computeJointJacobians(self._model, self._measured, self._q)
+            self._jacobians_fresh = True
+        frame = self.kinematics.frame_id(name)
+        return pin.getFrameJacobian(self._model, self._measured, frame, pin.LOCAL_WORLD_ALIGNED)
+
+
+@numba.njit(cache=True)
+def _least_squares_force(jacobian, rows, residual, weight):  # type: ignore[no-untyped-def]
+    """argmin over F (3,) of Σ_j (w_j (Jᵀ F − residual)_j)² + (damping · max w)² |F|²; Cramer's rule on the normal matrix."""
+    a = np.zeros((3, 3))
+    b = np.zeros(3)
+    for j in range(rows.shape[0]):
+        w = weight[j] * weight[j]
+        for r in range(3):
+            wj = w * jacobian[r, rows[j]]
+            b[r] += wj * residual[j]
+            for c in range(3):
+                a[r, c] += wj * jacobian[c, rows[j]]
+    damping = (_FORCE_DAMPING * weight.max()) ** 2
+    for r in range(3):
+        a[r, r] += damping
+    determinant = np.dot(a[0], np.cross(a[1], a[2]))
+    force = np.empty(3)
+    force[0] = np.dot(b, np.cross(a[1], a[2])) / determinant
+    force[1] = np.dot(b, np.cross(a[2], a[0])) / determinant
+    force[2] = np.dot(b, np.cross(a[0], a[1])) / determinant
+    return force

@@ -1,0 +1,297 @@
+"""The process beside the loop: calls in, state out. Everything that may block or allocate lives here, not in the loop.
+
+It sleeps until a call comes or the loop rings its doorbell; it may be killed and started anew while the robot moves.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import typer
+import zmq
+
+from daemon import exchange
+from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon.exchange import Kind
+from daemon.health import read_health
+from daemon.journal import Journal, Started
+from daemon.mailbox import MailboxFull, MailboxWriter
+from daemon.owners import Owners
+from daemon.reporter import Reporter
+from daemon.ring import StateRingReader
+from daemon.validation import check_start
+from handrail import messages as m
+from handrail.config import ConfigError
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from handrail.runtime import Runtime
+from handrail.stop import NoAnswer, clear_stop, stop_now
+from handrail.topics import Publisher, RefusedError, Service, refuse
+
+_ANSWER_TIMEOUT_S = 1.0
+"""how long a call waits for the loop's word; the loop looks into its mailbox in every cycle"""
+_STOP_TIMEOUT_S = 0.3
+_STATUS_PERIOD_S = 0.2
+_WATCH_PERIOD_S = 0.1
+_RECONNECT_S = 0.3
+_NO_LOOP = "the daemon's loop is not running; its supervisor starts it anew, and nothing moves before Enable"
+
+
+class Server:
+    """Answers calls at `daemon.call`, publishes at `daemon.events`."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        runtime: Runtime,
+        clock: Literal["wall", "lockstep"],
+        *,
+        context: zmq.Context | None = None,
+    ):
+        self._description, self._runtime, self._clock = description, runtime, clock
+        frames = exchange.frame_names(description)
+        self._frames = {frame: index for index, frame in enumerate(frames)}
+        self._joints = {joint: index for index, joint in enumerate(description.joints)}
+        snapshot = exchange.snapshot_dtype(len(description.joints), len(description.channels))
+        self._ring = StateRingReader(runtime.state_ring, snapshot)
+        self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
+        self._journal = Journal(runtime.folder / "actions.json")
+        self._reporter = Reporter(description, clock, self._journal)
+        self._owners = Owners()
+        # Counts on across restarts of this server: the loop must never see a serial twice.
+        self._serial = time.monotonic_ns()
+        self._generation = 0
+        self._doorbell = Doorbell(server_doorbell(runtime.folder))
+        self._loop_bell = Bell(loop_doorbell(runtime.folder))
+        self._publisher = Publisher(runtime.endpoint("daemon.events"), context=context)
+        self._service = Service(runtime.endpoint("daemon.call"), m.DaemonCall, self._handle, context=context)
+        self._poller = zmq.Poller()
+        self._poller.register(self._service.socket, zmq.POLLIN)
+        self._poller.register(self._doorbell.fileno(), zmq.POLLIN)
+        self._next_status = self._next_watch = 0.0
+        self._handlers: dict[type, Any] = {
+            m.GetRobot: lambda _: robot_info(description),
+            m.GetStatus: lambda _: self._status(),
+            m.Enable: lambda _: self._ask(Kind.ENABLE),
+            m.Disable: lambda _: self._ask(Kind.DISABLE),
+            m.Stop: self._stop,
+            m.ClearStop: lambda _: self._tell_stop_socket(lambda: clear_stop(runtime, _STOP_TIMEOUT_S)),
+            m.CheckIn: lambda call: self._owners.check_in(call.owner, time.monotonic()),
+            m.HoldTime: self._hold_time,
+            m.ReleaseTime: self._release_time,
+            m.StartAction: self._start,
+            m.CancelAction: lambda call: self._steer(Kind.CANCEL, call.id),
+            m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
+            m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
+        }
+
+    def take_over(self) -> None:
+        """Give the subscribers of a server that died time to find this one, so that they hear how its actions end."""
+        if self._journal.running():
+            # ZeroMQ connects anew every 0.1 s (ZMQ_RECONNECT_IVL) and tells a publisher nothing that could be waited for.
+            time.sleep(_RECONNECT_S)
+
+    def step(self, timeout_s: float = _WATCH_PERIOD_S) -> None:
+        """Sleep until something comes, at most `timeout_s`, and deal with all of it."""
+        self._poller.poll(round(timeout_s * 1000))
+        self._doorbell.clear()
+        self._publish_news()
+        self._service.poll(0)
+        now = time.monotonic()
+        if now >= self._next_watch:
+            self._next_watch = now + _WATCH_PERIOD_S
+            self._watch(now)
+        if self._reporter.changed() or now >= self._next_status:
+            self._next_status = now + _STATUS_PERIOD_S
+            self._publisher.send(self._status())
+
+    def close(self) -> None:
+        """Free the endpoints."""
+        self._service.close()
+        self._publisher.close()
+        self._doorbell.close()
+        self._loop_bell.close()
+
+    # ---------------------------------------------------------------------------------------------- what the loop tells
+
+    def _publish_news(self, awaited: int = 0) -> tuple[int, int, float] | None:
+        """Publish what the ring holds. The loop's (answer, joint, value) to command `awaited`, if it is among that."""
+        snapshots = self._ring.read()
+        if self._ring.generation != self._generation:
+            if self._generation:
+                self._lose_loop("the daemon's loop was started anew")
+            self._generation = self._ring.generation
+        for message in self._reporter.follow(snapshots):
+            self._publisher.send(message)
+        if awaited and (rows := np.flatnonzero(snapshots["answered"] == awaited)).size:
+            row = snapshots[rows[0]]
+            return int(row["answer"]), int(row["answer_joint"]), float(row["answer_value"])
+        return None
+
+    def _lose_loop(self, why: str) -> None:
+        for event in self._reporter.lose_loop(why):
+            self._publisher.send(event)
+
+    def _watch(self, now: float) -> None:
+        if not self._loop_bell.ring() and self._reporter.alive:
+            self._lose_loop("the daemon's loop died; its drives quick-stop by their own watchdog")
+        for owner in self._owners.lost(self._reporter.running_owners(), now):
+            print(f"{self._owners.name(owner)} did not check in: its action is ended", file=sys.stderr, flush=True)
+            self._post_unasked(Kind.LOSE_OWNER, owner=owner)
+
+    def _status(self) -> m.DaemonStatus:
+        return self._reporter.status(self._owners.name, read_health(self._runtime.folder))
+
+    # -------------------------------------------------------------------------------------------------------- calls
+
+    def _handle(self, call: Any) -> msgspec.Struct | None:
+        return self._handlers[type(call)](call)
+
+    def _count(self) -> int:
+        self._serial += 1
+        return self._serial
+
+    def _ask(self, kind: Kind, *, owner: int = 0, action: int = 0, value: float = 0.0) -> None:
+        """Give the loop a command without payload; RefusedError unless it accepts."""
+        header = exchange.encode_command(kind, self._count(), owner=owner, action=action, value=value)
+        self._require_accepted(self._post(header))
+
+    def _post(self, header: np.ndarray, payload: np.ndarray | None = None) -> tuple[int, int, float] | None:
+        """Give the loop a command and wait for its (answer, joint, value); None: no word in time. RefusedError: not given."""
+        try:
+            self._mailbox.post(header, payload)
+        except MailboxFull as error:
+            raise refuse(str(error)) from error
+        if not self._loop_bell.ring():
+            raise refuse(_NO_LOOP)
+        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+        while (answer := self._publish_news(int(header["serial"]))) is None:
+            if (left := deadline - time.monotonic()) <= 0:
+                return None
+            self._doorbell.wait(left)
+        return answer
+
+    def _require_accepted(self, answer: tuple[int, int, float] | None) -> None:
+        if answer is None:
+            raise refuse(
+                f"the daemon's loop gave no answer in {_ANSWER_TIMEOUT_S:g} s; it may still do what it was told"
+            )
+        code, joint, value = answer
+        if code != exchange.Answer.ACCEPTED:
+            name = self._description.joints[joint] if joint >= 0 else ""
+            raise refuse(*exchange.explain(exchange.Answer(code), name, value))
+
+    def _start(self, call: m.StartAction) -> None:
+        self._publish_news()  # judge it by the newest snapshot
+        snapshot = self._reporter.snapshot
+        if snapshot is None or not self._reporter.alive:
+            raise refuse(_NO_LOOP)
+        if self._journal.serial(call.id) is not None:
+            raise refuse("an action of this id is running", "id", call.id, "an id of its own")
+        check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
+        serial, owner = self._count(), self._owners.number(call.owner)
+        self._owners.check_in(call.owner, time.monotonic())
+        header, payload = exchange.encode_start(call, serial, owner, self._joints, self._frames)
+        self._journal.begin(Started(serial, call.id, call.owner, call.ends))
+        answer = None
+        try:
+            answer = self._post(header, payload)
+            self._require_accepted(answer)
+        except RefusedError:
+            if answer is not None or not self._reporter.alive:
+                self._journal.ended(serial)
+            else:
+                # The caller is told that it does not run: make that true, whenever the loop comes to it.
+                self._post_unasked(Kind.CANCEL, action=serial)
+            raise
+
+    def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0) -> None:
+        """Give the loop a command whose answer nobody waits for."""
+        try:
+            self._mailbox.post(exchange.encode_command(kind, self._count(), owner=owner, action=action))
+        except MailboxFull as error:
+            print(f"{kind.name.lower()} was not delivered: {error}", file=sys.stderr, flush=True)
+        self._loop_bell.ring()
+
+    def _steer(self, kind: Kind, action: str) -> None:
+        self._publish_news()
+        serial = self._journal.serial(action)
+        if serial is None:
+            raise refuse("no such action is running", "id", action, "the id of a running action")
+        self._ask(kind, action=serial)
+
+    def _hold_time(self, call: m.HoldTime) -> None:
+        if not np.isfinite(call.limit_s):
+            raise refuse("a hold ends by itself", "limit_s", call.limit_s, "a finite number of seconds")
+        if self._clock == "lockstep":
+            self._ask(Kind.HOLD_TIME, owner=self._owners.number(call.owner), value=call.limit_s)
+
+    def _release_time(self, call: m.ReleaseTime) -> None:
+        if self._clock == "lockstep":
+            self._ask(Kind.RELEASE_TIME, owner=self._owners.number(call.owner))
+
+    def _stop(self, call: m.Stop) -> None:
+        self._tell_stop_socket(lambda: stop_now(self._runtime, call.reason or "a client", _STOP_TIMEOUT_S))
+
+    def _tell_stop_socket(self, tell: Any) -> None:
+        try:
+            tell()
+        except NoAnswer as error:
+            raise refuse(str(error)) from error
+
+
+def robot_info(description: RobotDescription) -> m.RobotInfo:
+    """What clients must know of the robot."""
+    return m.RobotInfo(
+        name=description.name,
+        joints=list(description.joints),
+        lower=description.lower.tolist(),
+        upper=description.upper.tolist(),
+        velocity_limit=description.velocity_limit.tolist(),
+        torque_limit=description.torque_limit.tolist(),
+        groups={name: list(joints) for name, joints in description.groups.items()},
+        tools={name: arm.tool for name, arm in description.arms.items()},
+        home=description.home,
+        period_ns=description.period_ns,
+    )
+
+
+def main(
+    robot: Annotated[str, typer.Option(help="Name or folder of the robot.")],
+    clock: Annotated[str, typer.Option(help="wall or lockstep, as the loop's.")] = "wall",
+    runtime: Annotated[Path | None, typer.Option(help="The robot's runtime folder.")] = None,
+) -> None:
+    """The daemon's server. Prints `server ready` when it can serve; SIGTERM ends it."""
+    if clock not in ("wall", "lockstep"):
+        raise typer.BadParameter(f"got {clock!r}; expected wall or lockstep", param_hint="--clock")
+    try:
+        description = robots.load(robot)
+    except ConfigError as error:
+        typer.echo(f"daemon.server: {error}", err=True)
+        raise typer.Exit(2) from error
+    ending = False
+
+    def end(_signal: int, _frame: object) -> None:
+        nonlocal ending
+        ending = True
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    server = Server(description, Runtime.at(runtime), "lockstep" if clock == "lockstep" else "wall")
+    try:
+        server.take_over()
+        print("server ready", flush=True)
+        while not ending:
+            server.step()
+    finally:
+        server.close()
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,251 @@
+"""What is wrong with a StartAction, found before the loop sees it: shapes, numbers, limits, names, and where it starts.
+
+What only the loop can know in the cycle that starts the action (claims, a stop a moment ago) the loop checks itself.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+
+from daemon.exchange import MAX_ENDS, Flag
+from handrail.messages import (
+    CartesianImpedance,
+    ContactEnd,
+    EndCondition,
+    ForceEnd,
+    JointTrajectory,
+    PoseErrorEnd,
+    StartAction,
+)
+from handrail.robot.description import RobotDescription
+from handrail.topics import refuse
+
+START_TOLERANCE = 0.02
+"""rad from what the robot is commanded to the first knot"""
+OVERSHOOT_POSITION = 5e-3
+"""rad beyond a limit that the cubic between two knots may reach: the loop's final limits cut it"""
+OVERSHOOT_VELOCITY = 0.05
+"""share of the limit, likewise"""
+
+
+def check_start(
+    message: StartAction,
+    description: RobotDescription,
+    frames: Collection[str],
+    snapshot: np.ndarray,
+    largest_payload: int,
+) -> None:
+    """Raise RefusedError unless the action may be given to the loop.
+
+    `frames`: names that may be commanded; `snapshot`: the newest (exchange.snapshot_dtype, shape ()); `largest_payload`: room in
+    the mailbox, in numbers.
+    """
+    _check_state(snapshot)
+    if 0 < message.expires_ns < int(snapshot["time_ns"]):
+        late = (int(snapshot["time_ns"]) - message.expires_ns) / 1e9
+        raise refuse("the command has expired", "expires_ns", f"{late:.3f} s ago", "a time to come, or 0")
+    _check_finite(message.hold_after_s, "hold_after_s")
+    rows = _rows(message.motion.joints, description)
+    if isinstance(message.motion, JointTrajectory):
+        commanded = snapshot["command"][0][rows]
+        _check_trajectory(message.motion, rows, commanded, description, frames=frames, largest_payload=largest_payload)
+        _check_first_knot(message.motion, commanded)
+    else:
+        _check_cartesian(message.motion, frames)
+    if len(message.ends) > MAX_ENDS:
+        raise refuse("too many end conditions", "ends", len(message.ends), f"at most {MAX_ENDS}")
+    for number, end in enumerate(message.ends):
+        _check_end(end, f"ends[{number}]", frames)
+
+
+def _check_state(snapshot: np.ndarray) -> None:
+    flags = Flag(int(snapshot["flags"]))
+    if Flag.STOPPED in flags:
+        reason = bytes(snapshot["stop_reason"]).decode(errors="replace")
+        raise refuse(f"the operator stop is latched ({reason}): ClearStop, then Enable", "stopped", "true", "false")
+    if Flag.ENABLED not in flags:
+        raise refuse("the robot is not enabled: call Enable first", "enabled", "false", "true")
+
+
+def _rows(joints: Sequence[str], description: RobotDescription) -> np.ndarray:
+    if not joints:
+        raise refuse("an action moves at least one joint", "motion.joints", "[]", "names of joints")
+    for column, joint in enumerate(joints):
+        field = f"motion.joints[{column}]"
+        if joint not in description.joints:
+            raise refuse(f"{description.name} has no such joint", field, joint, _nearest(joint, description.joints))
+        if joint in joints[:column]:
+            raise refuse("a joint is named twice", field, joint, "each joint once")
+    return description.index(tuple(joints))
+
+
+def _check_trajectory(
+    motion: JointTrajectory,
+    rows: np.ndarray,
+    commanded: np.ndarray,
+    description: RobotDescription,
+    *,
+    frames: Collection[str],
+    largest_payload: int,
+) -> None:
+    knots, joints = len(motion.times), len(motion.joints)
+    if knots < 2:
+        raise refuse("a trajectory has at least two knots", "motion.times", f"{knots} knots", "2 or more")
+    if knots * (1 + 2 * joints) > largest_payload:
+        most = largest_payload // (1 + 2 * joints)
+        raise refuse("the trajectory is too long for one action", "motion.times", f"{knots} knots", f"at most {most}")
+    times = np.array(motion.times)
+    _check_all_finite(times, "motion.times")
+    if times[0] != 0.0:
+        raise refuse("time begins with the action", "motion.times[0]", times[0], "0")
+    if backward := np.flatnonzero(np.diff(times) <= 0).tolist():
+        later = backward[0] + 1
+        raise refuse(
+            "times don't increase", f"motion.times[{later}]", times[later], f"more than {times[later - 1]:g} s"
+        )
+    positions = _table(motion.positions, "motion.positions", knots, joints)
+    velocities = _table(motion.velocities, "motion.velocities", knots, joints)
+    # A robot that stands a little beyond a limit (it sank there while its drives were stopped) may come back.
+    lower, upper = np.minimum(description.lower[rows], commanded), np.maximum(description.upper[rows], commanded)
+    fastest = description.velocity_limit[rows]
+    slack = 1e-6  # of a planner's arithmetic
+    place: dict[str, Any] = {"field": "motion.positions", "joints": motion.joints, "unit": "rad"}
+    speed_place: dict[str, Any] = {"field": "motion.velocities", "joints": motion.joints, "unit": "rad/s"}
+    _check_within(positions, lower - slack, upper + slack, **place)
+    _check_within(velocities, -fastest - slack, fastest + slack, **speed_place)
+    low, high, speed = hermite_extremes(times, positions, velocities)
+    _check_between(low < lower - OVERSHOOT_POSITION, low, lower, **place)
+    _check_between(high > upper + OVERSHOOT_POSITION, high, upper, **place)
+    _check_between(speed > fastest * (1 + OVERSHOOT_VELOCITY), speed, fastest, **speed_place)
+    if motion.path_force is not None:
+        _check_frame(motion.path_force.frame, "motion.path_force.frame", frames)
+        _check_finite(motion.path_force.gain, "motion.path_force.gain")
+        _check_finite(motion.path_force.limit, "motion.path_force.limit")
+
+
+def hermite_extremes(
+    times: np.ndarray, positions: np.ndarray, velocities: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lowest and highest position (rad) and largest speed (rad/s) of the cubic Hermite spline between its knots.
+
+    `times` (k,) s, `positions` and `velocities` (k, m); each result (k − 1, m). With s = (t − t₀)/h the spline's derivative by s
+    is a s² + b s + c, so that the extremes lie at the ends and at its roots, those of speed at −b/2a.
+    """
+    h = np.diff(times)[:, None]
+    p0, p1, v0, v1 = positions[:-1], positions[1:], h * velocities[:-1], h * velocities[1:]
+    a = 6 * (p0 - p1) + 3 * (v0 + v1)
+    b = -6 * (p0 - p1) - 4 * v0 - 2 * v1
+    c = v0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(np.maximum(b * b - 4 * a * c, 0.0))
+        straight = np.abs(a) < 1e-12
+        corners = [np.where(straight, -c / b, (-b + sign * root) / (2 * a)) for sign in (1.0, -1.0)]
+        fastest = -b / (2 * a)
+    inner = [np.clip(np.nan_to_num(s, nan=0.0, posinf=0.0, neginf=0.0), 0.0, 1.0) for s in (*corners, fastest)]
+    reached = [p0, p1] + [p0 + s * (c + s * (b / 2 + s * a / 3)) for s in inner[:2]]
+    speeds = [np.abs(v0), np.abs(v1), np.abs(c + inner[2] * (b + inner[2] * a))]
+    return np.minimum.reduce(reached), np.maximum.reduce(reached), np.maximum.reduce(speeds) / h
+
+
+def _check_first_knot(motion: JointTrajectory, commanded: np.ndarray) -> None:
+    off = np.abs(np.array(motion.positions[0]) - commanded)
+    worst = int(off.argmax())
+    if off[worst] > START_TOLERANCE:
+        raise refuse(
+            f"the trajectory does not start where {motion.joints[worst]} is commanded to be: plan again from there",
+            f"motion.positions[0][{worst}]",
+            f"{motion.positions[0][worst]:.4f} rad",
+            f"within {START_TOLERANCE} of {commanded[worst]:.4f}",
+        )
+
+
+def _check_cartesian(motion: CartesianImpedance, frames: Collection[str]) -> None:
+    _check_frame(motion.frame, "motion.frame", frames)
+    _check_all_finite(np.array(motion.goal_in_world.position), "motion.goal_in_world.position")
+    quaternion = np.array(motion.goal_in_world.orientation)
+    _check_all_finite(quaternion, "motion.goal_in_world.orientation")
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > 1e-3:
+        raise refuse("no unit quaternion", "motion.goal_in_world.orientation", f"norm {norm:.4g}", "norm 1")
+    _check_finite(motion.duration, "motion.duration")
+    for part, value in enumerate(motion.stiffness):
+        _check_finite(value, f"motion.stiffness[{part}]")
+        if value < 0:
+            raise refuse("stiffness below zero", f"motion.stiffness[{part}]", value, "0 or more")
+
+
+def _check_end(end: EndCondition, field: str, frames: Collection[str]) -> None:
+    if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd):
+        _check_frame(end.frame, f"{field}.frame", frames)
+    if isinstance(end, PoseErrorEnd | ForceEnd) and end.axis is not None:
+        axis = np.array(end.axis)
+        _check_all_finite(axis, f"{field}.axis")
+        if abs(np.linalg.norm(axis) - 1.0) > 1e-3:
+            raise refuse("no unit vector", f"{field}.axis", list(end.axis), "length 1")
+    for name in ("after", "position", "limit", "threshold", "margin", "error"):
+        if hasattr(end, name):
+            _check_finite(getattr(end, name), f"{field}.{name}")
+
+
+def _check_frame(frame: str, field: str, frames: Collection[str]) -> None:
+    if frame not in frames:
+        raise refuse("the robot has no such frame", field, frame, _nearest(frame, frames))
+
+
+def _check_finite(value: float, field: str) -> None:
+    if not math.isfinite(value):
+        raise refuse("not a finite number", field, value, "a finite number")
+
+
+def _check_all_finite(values: np.ndarray, field: str) -> None:
+    if bad := np.argwhere(~np.isfinite(values)).tolist():
+        place = "".join(f"[{index}]" for index in bad[0])
+        raise refuse("not a finite number", f"{field}{place}", values[tuple(bad[0])], "a finite number")
+
+
+def _table(given: list[list[float]], field: str, knots: int, joints: int) -> np.ndarray:
+    if len(given) != knots:
+        raise refuse("a row a knot", field, f"{len(given)} rows", f"{knots} rows, as in motion.times")
+    for number, row in enumerate(given):
+        if len(row) != joints:
+            raise refuse("a column a joint", f"{field}[{number}]", f"{len(row)} numbers", f"{joints} numbers")
+    table = np.array(given, dtype=float)
+    _check_all_finite(table, field)
+    return table
+
+
+def _check_within(
+    values: np.ndarray, lowest: np.ndarray, highest: np.ndarray, *, field: str, joints: Sequence[str], unit: str
+) -> None:
+    if bad := np.argwhere((values < lowest) | (values > highest)).tolist():
+        knot, column = bad[0]
+        raise refuse(
+            f"beyond the limits of {joints[column]}",
+            f"{field}[{knot}][{column}]",
+            f"{values[knot, column]:.4f} {unit}",
+            f"{lowest[column]:.4f} to {highest[column]:.4f}",
+        )
+
+
+def _check_between(
+    beyond: np.ndarray, reached: np.ndarray, limit: np.ndarray, *, field: str, joints: Sequence[str], unit: str
+) -> None:
+    if bad := np.argwhere(beyond).tolist():
+        knot, column = bad[0]
+        raise refuse(
+            f"between knots {knot} and {knot + 1} the cubic passes the limit of {joints[column]}",
+            f"{field}[{knot}][{column}]",
+            f"{reached[knot, column]:.4f} {unit}",
+            f"not past {limit[column]:.4f}: give more knots, or lower velocities",
+        )
+
+
+def _nearest(given: str, known: Collection[str]) -> str:
+    if close := difflib.get_close_matches(given, known, n=3, cutoff=0.5):
+        return f"one such as {', '.join(close)}"
+    return f"one of {', '.join(sorted(known)[:6])}, ..."

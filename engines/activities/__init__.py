@@ -1,0 +1,18 @@
+"""What a program's states can do, by the name that `do:` gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from engines.activities.base import Activity
+from engines.activities.execute import ExecuteActivity
+from engines.activities.plan import PlanActivity
+from engines.activities.prompt import PromptActivity
+from engines.activities.retreat import RetreatActivity
+
+ACTIVITIES: Mapping[str, type[Activity]] = {
+    "plan": PlanActivity,
+    "execute": ExecuteActivity,
+    "prompt": PromptActivity,
+    "retreat": RetreatActivity,
+}

@@ -1,0 +1,134 @@
+"""What a program's state can do: an activity, with typed arguments that a program's file is checked against."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+
+from affordance_templates.instance import Instance
+from affordance_templates.server import AffordanceServer
+from engines.daemon_client import DaemonClient
+from engines.motion import Motion
+from engines.plans import PlanStore
+from engines.prompts import Prompts
+from handrail.robot.description import RobotDescription
+
+if TYPE_CHECKING:
+    from engines.planning.plan import Plan
+
+
+class Kind(Enum):
+    """What an argument takes, and so how its text in the file is read."""
+
+    ARM = "arm"
+    """the name of a resource of kind arm"""
+    INSTANCE = "instance"
+    """the name of a resource of kind instance"""
+    NAME = "name"
+    """a plain name"""
+    NAMES = "names"
+    """a list of plain names"""
+    CHOICE = "choice"
+    """one of `Argument.choices`"""
+    TEXT = "text"
+    """words, with {expression} or {expression:format} in them"""
+    NUMBER = "number"
+    """a number, or an expression that has one"""
+    VALUE = "value"
+    """an expression: a variable's value, say"""
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of an activity."""
+
+    kind: Kind
+    required: bool = True
+    default: Any = None
+    choices: tuple[str, ...] = ()
+    unit: str = ""
+
+
+class ActivityFailed(Exception):
+    """An activity could not do what it was asked. The program gets `error.execution` with `reason` (one word) and `message`."""
+
+    def __init__(self, reason: str, message: str):
+        self.reason = reason
+        super().__init__(message)
+
+
+class Planner(Protocol):
+    """What the engine needs of `engines.planning.manipulation.ManipulationPlanner`."""
+
+    def plan(
+        self,
+        instance: Instance,
+        trajectory: str,
+        arm: str,
+        position: np.ndarray,
+        *,
+        arc: float | None = None,
+        entry_shift: float = 0.0,
+        cancelled: Callable[[], bool] | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> Plan: ...
+
+
+@dataclass(frozen=True)
+class Services:
+    """What the engine lends to every activity."""
+
+    description: RobotDescription
+    daemon: DaemonClient
+    affordances: AffordanceServer
+    plans: PlanStore
+    prompts: Prompts
+    planner: Planner
+    tip_pose: Callable[[np.ndarray, str], tuple[np.ndarray, np.ndarray]]
+    """joint positions (n,) rad, arm → position (3,) m and quaternion (4,) of its tool's tip in the world"""
+    log: Callable[[str, str], None]
+    """level, text: a line for people"""
+
+    def tip(self, position: np.ndarray, arm: str) -> np.ndarray:
+        """(3,) m: an arm's tool tip in the world at joint positions (n,) rad."""
+        return self.tip_pose(position, arm)[0]
+
+
+@dataclass(frozen=True)
+class Context:
+    """The run that an activity belongs to."""
+
+    services: Services
+    run: str
+    motion: Motion
+    hold_s: float
+    """wall time for which simulated time may wait for the engine while it computes (lock-step)"""
+
+
+class Activity(ABC):
+    """Work that a state does in a thread of its own. Made anew each time that the state is entered."""
+
+    arguments: ClassVar[Mapping[str, Argument]] = {}
+    outputs: ClassVar[frozenset[str]] = frozenset()
+    """what `_event.data` has when it is done"""
+
+    def __init__(self, context: Context, values: Mapping[str, Any]):
+        """`values`: every argument's value, resources as the names that they are bound to."""
+        self.context = context
+        self.services = context.services
+        self.values = values
+        self.cancelled = threading.Event()
+
+    @abstractmethod
+    def run(self) -> dict[str, Any]:
+        """Do it; returns the outputs. Raises ActivityFailed."""
+
+    def cancel(self) -> None:
+        """Called from another thread when the state is left before it is done; `run` must return soon."""
+        self.cancelled.set()

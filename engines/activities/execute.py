@@ -1,0 +1,112 @@
+"""`do: execute`: run a plan's segments, one action each, and note what the tool's motion did to the template's joint."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from affordance_templates.joint_estimate import angle_about, joint_after_push
+from affordance_templates.template import ResolvedWaypoint
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind, Services
+from engines.motion import Motion, MotionFailed
+from engines.plans import PlanRecord
+from handrail.messages import ActionEvent
+from handrail.topics import RefusedError
+
+
+def waypoint_of(record: PlanRecord, segment: str) -> ResolvedWaypoint | None:
+    """The waypoint that a segment leads to; None for the planner's own, such as `return`."""
+    return next((waypoint for waypoint in record.trajectory.waypoints if waypoint.name == segment), None)
+
+
+def check(services: Services, record: PlanRecord, segments: Sequence[str]) -> None:
+    """Raise ActivityFailed when the plan is stale (with the reason) or has no such segments."""
+    names = [segment.name for segment in record.plan.segments]
+    for name in segments:
+        if name not in names:
+            raise ActivityFailed(
+                "refused", f"plan {record.plan.id} has no segment {name!r}; expected some of {', '.join(names)}"
+            )
+    whole = not segments or segments[0] == names[0]
+    if why := services.plans.stale(record, start=whole):
+        raise ActivityFailed("stale", f"the plan is stale: {why}")
+
+
+def execute(
+    services: Services, motion: Motion, record: PlanRecord, segments: Sequence[str], cancelled: threading.Event
+) -> dict[str, Any]:
+    """Run the segments (all, or those named) in order; stops after one that a guard ended.
+
+    :return: see `ExecuteActivity.outputs`
+    :raises ActivityFailed: `stale`, or what made a motion fail
+    """
+    check(services, record, segments)
+    turned = 0.0
+    record.executing = True
+    try:
+        for index, segment in enumerate(record.plan.segments):
+            if segments and segment.name not in segments:
+                continue
+            if why := services.plans.stale(record, start=False):
+                raise ActivityFailed("stale", f"the plan is stale before {segment.name}: {why}")
+            record.reached, record.ended = index, None
+            try:
+                record.ended = motion.run(
+                    segment.motion(record.plan.joints), segment.ends, cancelled, what=segment.name
+                )
+            except MotionFailed as failed:
+                raise ActivityFailed(failed.reason, str(failed)) from failed
+            turned += note_push(services, record, segment.name, record.ended)
+            if record.ended.outcome != "done":
+                break
+    finally:
+        record.executing = False
+    assert record.ended is not None  # a plan has segments, and `check` has found those named
+    return {
+        "outcome": record.ended.outcome,
+        "segment": record.plan.segments[record.reached].name,
+        "turned": turned,
+        "turned_deg": math.degrees(turned),
+    }
+
+
+def note_push(services: Services, record: PlanRecord, segment: str, ended: ActionEvent) -> float:
+    """After a segment along the entry's arc, note where the instance's joint must be now. Returns by how much it moved, rad."""
+    waypoint, entry = waypoint_of(record, segment), record.trajectory.entry
+    if waypoint is None or entry is None or waypoint.to != "arc_end" or waypoint.joint != entry.joint:
+        return 0.0
+    joint = record.instance.resolve().joints[entry.joint]
+    tip = record.instance.point_in_template(services.tip(np.array(ended.position), record.plan.arm))
+    outputs = record.plan.outputs
+    angle = angle_about(joint, waypoint.position, tip, near=outputs["end_angle"])
+    after = joint_after_push(joint, entry, outputs["entry_angle"], angle)
+    try:
+        services.affordances.set_joint(record.instance.name, joint.name, after)
+    except RefusedError as gone:
+        raise ActivityFailed("stale", f"{record.instance.name} was removed while it was being used") from gone
+    return after - joint.position
+
+
+class ExecuteActivity(Activity):
+    """Runs a plan. Done with `outcome` `done`, or the name of the guard that ended it in `segment`."""
+
+    arguments = {
+        "plan": Argument(Kind.VALUE),
+        "segments": Argument(Kind.NAMES, required=False, default=()),
+    }
+    outputs = frozenset({"outcome", "segment", "turned", "turned_deg"})
+
+    def run(self) -> dict[str, Any]:
+        try:
+            record = self.services.plans.get(str(self.values["plan"]))
+        except RefusedError as refused:
+            raise ActivityFailed("refused", str(refused)) from refused
+        return execute(self.services, self.context.motion, record, self.values["segments"], self.cancelled)
+
+    def cancel(self) -> None:
+        super().cancel()
+        self.context.motion.interrupt()

@@ -1,0 +1,118 @@
+"""`do: retreat`: after a plan was interrupted, take the tool out of what it was in, the way it came."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from affordance_templates.joint_estimate import angle_about
+from affordance_templates.template import Array, ResolvedWaypoint
+from engines import retrace
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.execute import waypoint_of
+from engines.motion import MotionFailed
+from engines.plans import PlanRecord
+from handrail.messages import CartesianImpedance, Motion, Pose
+from handrail.topics import RefusedError
+
+_OUT_S = 1.5
+
+
+class RetreatActivity(Activity):
+    """Leaves the tool free, from wherever the plan's execution stopped.
+
+    A straight way in is gone back; a straight way out is gone on to its end; from a turn about a joint the tool first backs off as
+    the template's own release does, then goes straight out against its pointing direction. Where the tool was free, nothing moves.
+    """
+
+    arguments = {"plan": Argument(Kind.VALUE)}
+    outputs = frozenset({"moved"})
+
+    def run(self) -> dict[str, Any]:
+        try:
+            record = self.services.plans.get(str(self.values["plan"]))
+        except RefusedError as refused:
+            raise ActivityFailed("refused", str(refused)) from refused
+        if record.reached < 0:
+            return {"moved": False}
+        name = record.plan.segments[record.reached].name
+        waypoint = waypoint_of(record, name)
+        if waypoint is None or waypoint.approach == "free":
+            return {"moved": False}
+        if waypoint.approach == "straight":
+            return {"moved": self._along_segment(record, back=self._leads_in(record, waypoint))}
+        if waypoint.to == "arc_end":
+            self._back_off(record, waypoint)
+        self._straight_out(record, waypoint)
+        return {"moved": True}
+
+    @staticmethod
+    def _leads_in(record: PlanRecord, waypoint: ResolvedWaypoint) -> bool:
+        """Whether the tool moves along its pointing direction on the way to a waypoint."""
+        waypoints = record.trajectory.waypoints
+        index = waypoints.index(waypoint)
+        return index == 0 or float((waypoint.position - waypoints[index - 1].position) @ waypoint.axis) > 0
+
+    def _command(self) -> Array:
+        """(n,) rad, where the robot is commanded to be."""
+        command = self.services.daemon.command()
+        if command is None:
+            raise ActivityFailed("unknown_state", "the daemon has not told where the robot is: is it running?")
+        return command
+
+    def _rows(self, record: PlanRecord) -> np.ndarray:
+        return self.services.description.index(record.plan.joints)
+
+    def _along_segment(self, record: PlanRecord, *, back: bool) -> bool:
+        segment, rows = record.plan.segments[record.reached], self._rows(record)
+        path = retrace.way(segment.times, segment.positions, segment.velocities, self._command()[rows], back=back)
+        return self._follow(record, path, f"retreat from {segment.name}")
+
+    def _back_off(self, record: PlanRecord, waypoint: ResolvedWaypoint) -> None:
+        """Go back along the turn by the angle of the release that follows it in the template."""
+        following = record.trajectory.waypoints[record.trajectory.waypoints.index(waypoint) + 1 :]
+        release = next((abs(w.to) for w in following if w.approach == "along" and not isinstance(w.to, str)), 0.0)
+        segment, rows, command = record.plan.segments[record.reached], self._rows(record), self._command()
+        path = retrace.way(segment.times, segment.positions, segment.velocities, command[rows], back=True)
+        joint = record.instance.resolve().joints[waypoint.joint]
+        angles: list[float] = []
+        for row in path:
+            position = command.copy()
+            position[rows] = row
+            tip = record.instance.point_in_template(self.services.tip(position, record.plan.arm))
+            angles.append(angle_about(joint, waypoint.position, tip, near=angles[-1] if angles else 0.0))
+        beyond = np.abs(np.array(angles) - angles[0]) >= release
+        last = int(beyond.argmax()) if beyond.any() else len(path) - 1
+        self._follow(record, path[: last + 1], f"back off from {segment.name}")
+
+    def _straight_out(self, record: PlanRecord, waypoint: ResolvedWaypoint) -> None:
+        """Draw the tool back in a straight line, as far as the template's waypoints lie apart along its direction."""
+        depths = [float(w.position @ waypoint.axis) for w in record.trajectory.waypoints if w.approach != "free"]
+        distance = float(waypoint.position @ waypoint.axis) - min(depths)
+        arm = self.services.description.arms[record.plan.arm]
+        position, orientation = self.services.tip_pose(self._command(), record.plan.arm)
+        out = position - distance * (record.instance.rotation @ waypoint.axis)
+        goal = Pose(position=tuple(out.tolist()), orientation=tuple(orientation.tolist()))
+        self._run(
+            CartesianImpedance(frame=arm.tip, joints=list(arm.joints), goal_in_world=goal, duration=_OUT_S),
+            "draw the tool out",
+        )
+
+    def _follow(self, record: PlanRecord, path: Array, what: str) -> bool:
+        limit = self.services.description.velocity_limit[self._rows(record)]
+        trajectory = retrace.timed(record.plan.joints, path, limit)
+        if trajectory is None:
+            return False
+        self._run(trajectory, what)
+        return True
+
+    def _run(self, motion: Motion, what: str) -> None:
+        try:
+            self.context.motion.run(motion, (), self.cancelled, what=what)
+        except MotionFailed as failed:
+            raise ActivityFailed(failed.reason, f"the tool may still be engaged: {failed}") from failed
+
+    def cancel(self) -> None:
+        super().cancel()
+        self.context.motion.interrupt()

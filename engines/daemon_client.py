@@ -1,0 +1,194 @@
+"""The engine's side of the daemon: what the robot does now, calls from any thread, the sign of life.
+
+One thread listens to the daemon's events, one checks in; callers of `call` get a connection of their own per thread.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from handrail.messages import (
+    ActionEvent,
+    CheckIn,
+    DaemonStatus,
+    HoldTime,
+    ReleaseTime,
+    RobotState,
+)
+from handrail.runtime import Runtime
+from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
+
+OWNER = "engine"
+_CHECK_IN_S = 0.3
+_SILENT_S = 3.0
+
+
+class ActionWatch:
+    """Waits for one action's events. Made before the action is started, so that none is missed."""
+
+    def __init__(self, client: DaemonClient, id: str):
+        self.id = id
+        self._client = client
+        self._events: queue.SimpleQueue[ActionEvent] = queue.SimpleQueue()
+
+    def tell(self, event: ActionEvent) -> None:
+        """Called by the listening thread."""
+        self._events.put(event)
+
+    def next(self, timeout_s: float) -> ActionEvent | None:
+        """The next event, or None when there was none in time."""
+        try:
+            return self._events.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def __enter__(self) -> ActionWatch:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._client.forget(self)
+
+
+class DaemonClient:
+    """What the engine knows of the daemon and asks it to do."""
+
+    def __init__(self, runtime: Runtime, joints: int, *, log: Callable[[str], None] = lambda text: None):
+        """`joints`: how many the robot has; states with another number are not taken."""
+        self._runtime, self._joints, self._log = runtime, joints, log
+        self._lock = threading.Lock()
+        self._watches: dict[str, ActionWatch] = {}
+        self._position: np.ndarray | None = None
+        self._command: np.ndarray | None = None
+        self._cycle = -1
+        self._time_ns = 0
+        self._last_heard = -float("inf")
+        self._restarts = 0
+        self.status: DaemonStatus | None = None
+        """the latest one"""
+        self._own = threading.local()
+        self._closing = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._listen, name="daemon events", daemon=True),
+            threading.Thread(target=self._check_in, name="daemon check-in", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    # ---------------------------------------------------------------------------------------------------------------- calls
+
+    def call(self, message: msgspec.Struct, timeout_s: float = 2.0) -> Any:
+        """Call the daemon. Raises RefusedError, or Unreachable when it does not answer."""
+        if not hasattr(self._own, "caller"):
+            self._own.caller = Caller(self._runtime.endpoint("daemon.call"))
+        return self._own.caller.call(message, timeout_s)
+
+    def hold_time(self, limit_s: float) -> None:
+        """Lock-step: stop simulated time while the engine thinks, at most `limit_s` of wall time. A courtesy, never an error."""
+        self._courtesy(HoldTime(owner=OWNER, limit_s=limit_s))
+
+    def release_time(self) -> None:
+        """Lock-step: let simulated time go on."""
+        self._courtesy(ReleaseTime(owner=OWNER))
+
+    def _courtesy(self, message: msgspec.Struct) -> None:
+        try:
+            self.call(message, timeout_s=1.0)
+        except (RefusedError, Unreachable) as problem:
+            self._log(f"simulated time: {problem}")
+
+    # ---------------------------------------------------------------------------------------------------------------- state
+
+    def alive(self) -> bool:
+        """Whether anything was heard of the daemon within the last seconds of wall time."""
+        return time.monotonic() - self._last_heard < _SILENT_S
+
+    @property
+    def restarts(self) -> int:
+        """How often the daemon was seen to begin anew."""
+        return self._restarts
+
+    @property
+    def time_ns(self) -> int:
+        """The robot's clock, as last heard."""
+        return self._time_ns
+
+    def command(self) -> np.ndarray | None:
+        """rad (n,), what the robot was last commanded; None before the first state came."""
+        with self._lock:
+            return None if self._command is None else self._command.copy()
+
+    def position(self) -> np.ndarray | None:
+        """rad (n,), as last measured; None before the first state came."""
+        with self._lock:
+            return None if self._position is None else self._position.copy()
+
+    def watch(self, action: str) -> ActionWatch:
+        """Listen for an action's events; a context manager."""
+        watch = ActionWatch(self, action)
+        with self._lock:
+            self._watches[action] = watch
+        return watch
+
+    def forget(self, watch: ActionWatch) -> None:
+        """End a watch."""
+        with self._lock:
+            self._watches.pop(watch.id, None)
+
+    def close(self) -> None:
+        """End the threads; waits for them."""
+        self._closing.set()
+        for thread in self._threads:
+            thread.join(timeout=1.0)
+
+    # -------------------------------------------------------------------------------------------------------------- threads
+
+    def _listen(self) -> None:
+        subscriber = Subscriber(self._runtime.endpoint("daemon.events"), RobotState | DaemonStatus | ActionEvent)
+        try:
+            while not self._closing.is_set():
+                # The timeout is only there to notice the closing.
+                message = subscriber.receive(0.2)
+                if message is not None:
+                    self._take(message)
+        finally:
+            subscriber.close()
+
+    def _take(self, message: RobotState | DaemonStatus | ActionEvent) -> None:
+        self._last_heard = time.monotonic()
+        if isinstance(message, DaemonStatus):
+            self.status = message
+            return
+        with self._lock:
+            if message.time_ns < self._time_ns - 1_000_000_000:
+                # The clock went back: another daemon. What was running is over.
+                self._restarts += 1
+                self._cycle = -1
+            if message.cycle >= self._cycle and len(message.position) == len(message.command) == self._joints:
+                self._cycle, self._time_ns = message.cycle, message.time_ns
+                self._position, self._command = np.array(message.position), np.array(message.command)
+            watch = self._watches.get(message.id) if isinstance(message, ActionEvent) else None
+        if watch is not None and isinstance(message, ActionEvent):
+            watch.tell(message)
+
+    def _check_in(self) -> None:
+        caller = Caller(self._runtime.endpoint("daemon.call"))
+        message = CheckIn(owner=OWNER)
+        try:
+            while not self._closing.wait(_CHECK_IN_S):
+                try:
+                    caller.call(message, timeout_s=_CHECK_IN_S)
+                except (Unreachable, RefusedError):
+                    # Nothing to be done here: without the daemon there is no action to keep alive.
+                    continue
+        finally:
+            caller.close()

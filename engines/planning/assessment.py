@@ -1,0 +1,66 @@
+"""Measures of postures and ways of one arm: margins, torques, manipulability, clearances (see `constraints`)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engines.planning import constraints
+from engines.planning.collision import Clearance, CollisionScene
+from engines.planning.constraints import Constraint
+from handrail.robot.description import Arm
+from handrail.robot.kinematics import Kinematics
+
+Array = NDArray[np.float64]
+
+
+class Assessor:
+    """Measures one arm while all other joints stay at `position` (n,) rad."""
+
+    def __init__(self, kinematics: Kinematics, arm: Arm, scene: CollisionScene, position: Array):
+        self._kinematics, self._scene = kinematics, scene
+        description = kinematics.description
+        self.arm = arm
+        self.rows = description.index(arm.joints)
+        self.start = position[self.rows].copy()
+        self._position = position.copy()
+        self._lower, self._upper = description.lower[self.rows], description.upper[self.rows]
+        others = {joint for other in description.arms.values() if other.name != arm.name for joint in other.joints}
+        self._own = np.array([row for row, joint in enumerate(arm.joints) if joint not in others])
+        self._torque_limit = description.torque_limit[self.rows]
+
+    def all_joints(self, q: Array) -> Array:
+        """(k, n) positions of the whole robot for the arm's (k, m)."""
+        positions = np.repeat(self._position[None], len(q), axis=0)
+        positions[:, self.rows] = q
+        return positions
+
+    def limit_margin(self, q: Array) -> float:
+        """rad, the smallest distance of (k, m) to a joint's limit."""
+        return float(np.minimum(q - self._lower, self._upper - q).min())
+
+    def static(self, q: Array, forces: Array) -> dict[Constraint, float]:
+        """The arm's worst torque (share of the limit) and manipulability at (k, m), `forces` (k, 3) N acting on the tip."""
+        torque, manipulability = 0.0, np.inf
+        for position, force in zip(self.all_joints(q), forces, strict=True):
+            jacobian = self._kinematics.jacobian(position, self.arm.tip)[:3, self.rows]
+            needed = self._kinematics.gravity(position)[self.rows] - jacobian.T @ force
+            torque = max(torque, float((np.abs(needed) / self._torque_limit)[self._own].max()))
+            singular = np.linalg.svd(jacobian[:, self._own], compute_uv=False)
+            manipulability = min(manipulability, float(singular[-1]))
+        return {constraints.TORQUE: torque, constraints.MANIPULABILITY: manipulability}
+
+    def clearances(self, q: Array, *, tool_may_touch: bool) -> dict[Constraint, Clearance]:
+        """To the template's object and to the robot itself over (k, m)."""
+        positions = self.all_joints(q)
+        return {
+            constraints.CLEARANCE: self._scene.to_obstacles(positions, tool_may_touch=tool_may_touch),
+            constraints.SELF_CLEARANCE: self._scene.to_self(positions),
+        }
+
+    def clear(self, q: Array) -> bool:
+        """Whether postures (k, m) of a free motion keep all clearances."""
+        return all(
+            constraint.slack(found.distance) >= 0.0
+            for constraint, found in self.clearances(q, tool_may_touch=False).items()
+        )

@@ -1,0 +1,140 @@
+"""Time along a joint path: as fast as limits and the waypoint's duration allow, at rest at both ends, smooth in between.
+
+toppra finds the fastest profile under velocity and acceleration limits; the path's own parameter is one more column with
+limits of its own, which is how a segment is made to last. The profile then passes through a moving average in time: the
+path stays the same, steps of acceleration become ramps (as in FIR trajectory filters), both ends keep zero velocity.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import toppra
+from numpy.typing import NDArray
+from toppra import algorithm, constraint
+
+from engines.planning.plan import Infeasible
+
+Array = NDArray[np.float64]
+
+logging.getLogger("toppra").setLevel(logging.ERROR)  # it warns of numerics on every short path
+
+_KNOT_SPACING = 0.02
+_FINE = 0.001
+_SHORTEST = 0.2
+"""s: no segment is shorter, so that even a tiny correction starts and stops smoothly"""
+_RAMP, _WINDOW = 0.25, 0.15
+"""of the duration: speeding up (and slowing down), moving average"""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the knots must keep, (m,) each."""
+
+    velocity: Array
+    """rad/s"""
+    acceleration: Array
+    """rad/s²"""
+
+
+@dataclass(frozen=True)
+class Knots:
+    """A cubic-Hermite trajectory: (k,) s, (k, m) rad, (k, m) rad/s."""
+
+    times: Array
+    positions: Array
+    velocities: Array
+
+
+def accelerations(knots: Knots) -> Array:
+    """(2 (k − 1), m) rad/s² at both ends of every Hermite piece; it is linear in between, so these are the largest."""
+    h = np.diff(knots.times)[:, None]
+    slope = np.diff(knots.positions, axis=0) / h
+    first, second = knots.velocities[:-1], knots.velocities[1:]
+    return np.vstack([(6 * slope - 4 * first - 2 * second) / h, (2 * first + 4 * second - 6 * slope) / h])
+
+
+def peak_velocities(knots: Knots) -> Array:
+    """(m,) rad/s, the largest in size, also between the knots."""
+    h = np.diff(knots.times)[:, None]
+    slope = np.diff(knots.positions, axis=0) / h
+    middle = 1.5 * slope - 0.25 * (knots.velocities[:-1] + knots.velocities[1:])
+    return np.abs(np.vstack([knots.velocities, middle])).max(axis=0)
+
+
+def parametrise(path: Array, limits: Limits, duration: float, *, where: str = "") -> Knots:
+    """Timed knots through a path (k, m) rad, its rows evenly spaced in what should run evenly (the tip's way, mostly).
+
+    Lasts at least `duration` s. Raises Infeasible when no profile keeps the limits.
+    """
+    duration = max(duration, _SHORTEST)
+    if np.abs(np.diff(path, axis=0)).max(initial=0.0) < 1e-9:
+        times = np.linspace(0.0, duration, max(2, round(duration / _KNOT_SPACING) + 1))
+        return Knots(times, np.repeat(path[:1], len(times), axis=0), np.zeros((len(times), path.shape[1])))
+    spline = _spline(path)
+    profile_times, progress = _profile(spline, limits, duration, where)
+    window = _WINDOW * max(duration, profile_times[-1])
+    knots = _smoothed(spline, profile_times, progress, window)
+    return _stretched(knots, limits)
+
+
+def _spline(path: Array) -> toppra.SplineInterpolator:
+    """A cubic spline through the path, straight at its ends, over a parameter from 0 to 1."""
+    share = np.linspace(0.0, 1.0, len(path))
+    if len(path) < 4:  # a line and a bit: more points keep the spline from swinging
+        finer = np.linspace(0.0, 1.0, 9)
+        path, share = np.column_stack([np.interp(finer, share, column) for column in path.T]), finer
+    return toppra.SplineInterpolator(share, path, bc_type="natural")
+
+
+def _profile(spline: toppra.SplineInterpolator, limits: Limits, duration: float, where: str) -> tuple[Array, Array]:
+    """(k,) s and (k,) path parameter 0..1 of the fastest profile that leaves room for the moving average."""
+    ramp = _RAMP * duration
+    top = 1.0 / (duration * (1.0 - _WINDOW) - ramp)  # a trapezoid of that duration covers 1
+    share = np.asarray(spline.ss_waypoints)
+    # The parameter itself as the last joint: its velocity limit makes the segment last.
+    path = toppra.SplineInterpolator(share, np.column_stack([spline(share), share]), bc_type="natural")
+    velocity = np.append(limits.velocity, top)
+    acceleration = np.append(limits.acceleration, top / ramp)
+    instance = algorithm.TOPPRA(
+        [
+            constraint.JointVelocityConstraint(np.column_stack([-velocity, velocity])),
+            constraint.JointAccelerationConstraint(np.column_stack([-acceleration, acceleration])),
+        ],
+        path,
+        gridpoints=np.linspace(0.0, 1.0, 101),
+        solver_wrapper="seidel",
+        parametrizer="ParametrizeConstAccel",
+    )
+    timed = instance.compute_trajectory(0.0, 0.0)
+    if timed is None:
+        raise Infeasible("a speed along the path within velocity and acceleration limits", 0.0, "rad/s", where)
+    times = np.linspace(0.0, timed.duration, max(3, int(np.ceil(timed.duration / _FINE)) + 1))
+    progress = np.clip(timed(times)[:, -1], 0.0, 1.0)
+    progress[0], progress[-1] = 0.0, 1.0
+    return times, np.maximum.accumulate(progress)
+
+
+def _smoothed(spline: toppra.SplineInterpolator, times: Array, progress: Array, window: float) -> Knots:
+    """The profile averaged over the last `window` s, as knots. It ends `window` later."""
+    end = times[-1] + window
+    integral = np.concatenate([[0.0], np.cumsum((progress[1:] + progress[:-1]) / 2 * np.diff(times))])
+
+    def area(t: Array) -> Array:  # ∫ progress, 0 before the start and 1 after the end of the profile
+        return np.interp(t, times, integral) + np.maximum(t - times[-1], 0.0)
+
+    knots = np.linspace(0.0, end, max(3, round(end / _KNOT_SPACING) + 1))
+    share = np.clip((area(knots) - area(knots - window)) / window, 0.0, 1.0)
+    rate = (np.interp(knots, times, progress) - np.interp(knots - window, times, progress)) / window
+    share[0], share[-1], rate[0], rate[-1] = 0.0, 1.0, 0.0, 0.0
+    return Knots(knots, spline(share), spline(share, 1) * rate[:, None])
+
+
+def _stretched(knots: Knots, limits: Limits) -> Knots:
+    """The averaged profile runs late against the path, by a hair: slow the whole down where that passes a limit."""
+    fast = float((peak_velocities(knots) / limits.velocity).max())
+    hard = float(np.sqrt((np.abs(accelerations(knots)).max(axis=0) / limits.acceleration).max()))
+    factor = max(1.0, fast * 1.0001, hard * 1.0001)
+    return Knots(knots.times * factor, knots.positions, knots.velocities / factor)

@@ -1,0 +1,66 @@
+"""Questions to the operator: open ones, and the answers to those that are closed, so that a late answer learns whose came first."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+from handrail.messages import AnswerPrompt, Prompt, PromptClosed
+from handrail.topics import refuse
+
+_REMEMBERED = 200
+
+
+class Prompts:
+    """All prompts of one engine. Every method may be called from any thread."""
+
+    def __init__(self, publish: Callable[[Prompt | PromptClosed], None]):
+        self._publish = publish
+        self._changed = threading.Condition()
+        self._open: OrderedDict[str, Prompt] = OrderedDict()
+        self._closed: OrderedDict[str, PromptClosed] = OrderedDict()
+
+    def ask(self, prompt: Prompt) -> None:
+        """Open a prompt. Its id must be new."""
+        with self._changed:
+            self._open[prompt.id] = prompt
+            self._publish(prompt)
+
+    def wait(self, id: str) -> PromptClosed:
+        """Block until a prompt is answered or withdrawn (then its answer is empty)."""
+        with self._changed:
+            self._changed.wait_for(lambda: id in self._closed)
+            return self._closed[id]
+
+    def answer(self, request: AnswerPrompt) -> None:
+        """Take an operator's answer. Refused when there is no such prompt or option, or it was closed before."""
+        with self._changed:
+            if (closed := self._closed.get(request.id)) is not None:
+                how = f"was already answered {closed.answer!r} by {closed.by}" if closed.answer else "was withdrawn"
+                raise refuse(f"the prompt {how}", "id", request.id, "an open prompt")
+            if request.id not in self._open:
+                raise refuse("no such prompt", "id", request.id, f"one of: {', '.join(self._open) or 'none is open'}")
+            options = self._open[request.id].options
+            if request.answer not in options:
+                raise refuse("not an option of this prompt", "answer", request.answer, f"one of: {', '.join(options)}")
+            self._close(PromptClosed(id=request.id, answer=request.answer, by=request.by))
+
+    def withdraw(self, id: str) -> None:
+        """Close a prompt that nobody needs to answer any more; nothing happens when it is closed already."""
+        with self._changed:
+            if id in self._open:
+                self._close(PromptClosed(id=id))
+
+    def open(self) -> list[Prompt]:
+        """Those that wait for an answer, oldest first."""
+        with self._changed:
+            return list(self._open.values())
+
+    def _close(self, closed: PromptClosed) -> None:
+        del self._open[closed.id]
+        self._closed[closed.id] = closed
+        while len(self._closed) > _REMEMBERED:
+            self._closed.popitem(last=False)
+        self._publish(closed)
+        self._changed.notify_all()

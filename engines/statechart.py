@@ -1,0 +1,239 @@
+"""A program as a running statechart: python-statemachine gives SCXML's semantics, `do:` becomes an `invoke` of a type of our own.
+
+The machine is driven by one thread. Activities run in threads of theirs and only post events, so that a macrostep is never entered
+from two sides, and none is lost between the end of one macrostep and the next.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from statemachine.invoke import InvokeContext
+from statemachine.io.interpreter import Interpreter
+from statemachine.io.model import InvokeDefinition
+from statemachine.io.native import native_dict_to_definition
+from statemachine.io.yaml.reader import YAMLReader
+
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.program import CONSTANTS, Program, State, Transition
+from engines.program_check import STOPPED
+from engines.program_expressions import ProgramEvaluator
+from engines.text import fill
+from handrail.topics import Unreachable
+
+_INVOKE_TYPE = "handrail"
+_STOP = "handrail.stop"
+_log = logging.getLogger(__name__)
+
+Make = Callable[[State, Mapping[str, Any]], Activity]
+"""state, its activity's argument values → the activity"""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened, for the machine."""
+
+    name: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+class ProgramData:
+    """SCXML's data model: the program's variables, parameters, resources and constants as attributes."""
+
+    def __init__(self, names: Mapping[str, Any]):
+        self.state: Any = None  # python-statemachine keeps the configuration here
+        self.failure = ""
+        for name, value in names.items():
+            setattr(self, name, value)
+
+
+class Chart(Interpreter):
+    """One run of a program's statechart."""
+
+    def __init__(self, program: Program, names: Mapping[str, Any], make: Make):
+        """`names`: the values of variables, parameters and resources; `make` makes a state's activity when it is entered."""
+        super().__init__(reader=YAMLReader(), evaluator=ProgramEvaluator())
+        self.program, self._make = program, make
+        self.data = ProgramData({**CONSTANTS, **names})
+        self._by_id = {state.id: state for state in program.states()}
+        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self.process_definition(native_dict_to_definition(_native(program)), location=program.name)
+        self._machine: Any = None
+
+    # ------------------------------------------------------------------------------------------- called by the driving thread
+
+    def begin(self) -> None:
+        """Enter the initial states."""
+        self._machine = self.scs[self.program.name](model=self.data, listeners=[self])
+
+    def step(self) -> None:
+        """Wait for the next event and carry out all that follows from it."""
+        event = self._events.get()
+        self._machine.send(event.name, **event.data)
+
+    @property
+    def ended(self) -> State | bool | None:
+        """False while it runs; then the final state that it reached, None when it was stopped."""
+        if not self._machine.is_terminated:
+            return False
+        final = next(state.id for state in self._machine.configuration if state.final and state.parent is None)
+        return None if final == STOPPED else self._by_id[final]
+
+    def active(self) -> list[str]:
+        """Ids of the active states, outermost first."""
+        states = sorted(self._machine.configuration, key=lambda s: (len(list(s.ancestors())), s.document_order))
+        return [state.id for state in states]
+
+    def variables(self) -> dict[str, Any]:
+        """The program's variables as they stand."""
+        return {name: getattr(self.data, name) for name in self.program.variables}
+
+    def words(self, text: str) -> str:
+        """A text of the program with its expressions filled in."""
+        return fill(text, self._value)
+
+    # --------------------------------------------------------------------------------------------------- called by any thread
+
+    def post(self, event: Event) -> None:
+        """Hand an event to the driving thread."""
+        self._events.put(event)
+
+    def stop(self) -> None:
+        """End the run from whatever state it is in; its activities are cancelled."""
+        self.post(Event(_STOP))
+
+    # ---------------------------------------------------------------------------------------- called by python-statemachine
+
+    def make_invoker(self, invoke_def: InvokeDefinition) -> Any:
+        """An activity for our own type of invoke; nothing else is invoked."""
+        return _ActivityInvoker(self, self._by_id[invoke_def.id or ""])
+
+    def before_transition(self, event_data: Any) -> None:
+        """Keeps the last failure's words where expressions find them, as `failure`: an activity's, or an expression's own."""
+        if str(event_data.event) == "error.execution":
+            told = event_data.trigger_data.kwargs
+            self.data.failure = str(told.get("message") or told.get("error", ""))
+
+    # --------------------------------------------------------------------------------------------------------------- values
+
+    def make_activity(self, state: State) -> Activity:
+        """The activity of a state that was just entered, with its arguments' values. Raises ActivityFailed where one has none."""
+        values = {}
+        from engines.activities import ACTIVITIES
+
+        for name, argument in ACTIVITIES[state.file.do].arguments.items():
+            given = state.file.with_.get(name)
+            try:
+                values[name] = argument.default if given is None else self._argument(argument, given)
+            except (NameError, TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as problem:
+                raise ActivityFailed(
+                    "bad_argument", f"{state.id}: {name}: {given!r} has no value: {problem}"
+                ) from problem
+        return self._make(state, values)
+
+    def _argument(self, argument: Argument, given: Any) -> Any:
+        match argument.kind:
+            case Kind.ARM | Kind.INSTANCE:
+                return getattr(self.data, given)
+            case Kind.TEXT:
+                return self.words(given)
+            case Kind.NUMBER:
+                value = self._value(given)
+                if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+                    raise TypeError(f"got {value!r}; expected a number")
+                return argument.default if value is None else float(value)
+            case Kind.VALUE:
+                return self._value(given)
+        return given
+
+    def _value(self, expression: Any) -> Any:
+        if not isinstance(expression, str):
+            return expression
+        return self._evaluator.compile_value(expression)(machine=self._machine)
+
+
+class _ActivityInvoker:
+    """What python-statemachine runs (in a thread of its own) when a state with `do:` is entered, and cancels when it is left."""
+
+    def __init__(self, chart: Chart, state: State):
+        self._chart, self._state = chart, state
+        self.invoke_id, self.idlocation, self.autoforward = state.id, None, False
+        self._running: Activity | None = None
+
+    def run(self, ctx: InvokeContext) -> None:
+        """Do the activity and post how it ended; returns when the state is left, so that the machine hears of it only once."""
+        event = self._outcome(ctx)
+        if not ctx.cancelled.is_set():
+            self._chart.post(event)
+        ctx.cancelled.wait()
+
+    def _outcome(self, ctx: InvokeContext) -> Event:
+        source = self._state.id
+        try:
+            self._running = self._chart.make_activity(self._state)
+            if ctx.cancelled.is_set():
+                self._running.cancel()
+            return Event(f"done.invoke.{source}", self._running.run())
+        except ActivityFailed as failed:
+            return Event("error.execution", {"message": str(failed), "reason": failed.reason, "source": source})
+        except Exception as crash:  # noqa: BLE001
+            # A defect in an activity must end the program by its own failure path, not leave it waiting for ever.
+            _log.exception("activity %s of state %s crashed", self._state.file.do, source)
+            text = f"{self._state.file.do} crashed: {type(crash).__name__}: {crash}"
+            return Event("error.execution", {"message": text, "reason": "crashed", "source": source})
+        finally:
+            self._running = None
+
+    def on_cancel(self) -> None:
+        """Called by the driving thread after the state was left."""
+        if (running := self._running) is not None:
+            try:
+                running.cancel()
+            except Unreachable as silent:
+                _log.warning("state %s: %s", self._state.id, silent)
+
+
+def _native(program: Program) -> dict[str, Any]:
+    """The program in python-statemachine's own words, with a final state that StopRun leads to from everywhere."""
+    states = {state.id: _native_state(state) for state in program.roots}
+    if not any(root.file.initial for root in program.roots):
+        states[program.roots[0].id]["initial"] = True
+    return {"name": program.name, "states": {**states, STOPPED: {"final": True}}}
+
+
+def _native_state(state: State) -> dict[str, Any]:
+    if state.file.final:
+        return {"final": True, "initial": state.file.initial}
+    native: dict[str, Any] = {"initial": state.file.initial, "parallel": state.file.parallel}
+    native["transitions"] = [_native_transition(way) for way in state.transitions]
+    if not state.children:
+        # First in each innermost state: no other transition of the program can take the event away.
+        native["transitions"].insert(0, {"event": _STOP, "target": STOPPED})
+    else:
+        native["states"] = {child.id: _native_state(child) for child in state.children}
+        if not state.file.parallel:
+            native["states"][state.initial_children()[0].id]["initial"] = True
+    if state.history:
+        native["history"] = {
+            name: {"type": state.history_type[name], "transitions": [_native_transition(way) for way in ways]}
+            for name, ways in state.history.items()
+        }
+    if state.file.do:
+        native["invoke"] = [{"type": _INVOKE_TYPE, "id": state.id}]
+    return native
+
+
+def _native_transition(way: Transition) -> dict[str, Any]:
+    native: dict[str, Any] = {
+        key: value for key in ("event", "target", "cond") if (value := getattr(way.file, key)) is not None
+    }
+    if way.file.set:
+        native["on"] = [
+            {"assign": {"location": name, "expr": expression if isinstance(expression, str) else repr(expression)}}
+            for name, expression in way.file.set.items()
+        ]
+    return native

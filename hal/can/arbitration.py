@@ -1,0 +1,147 @@
+"""Who sends next: the order in which waiting frames get onto their buses, and when each of them ends.
+
+Every node has a first-in first-out transmit queue a bus, as SocketCAN has: the heads of the queues compete, and the lowest
+identifier wins (ISO 11898-1, 10.8: bitwise arbitration; of equal base identifiers the standard frame wins over the extended).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from hal.can.frames import EXTENDED, FD, REMOTE, WORDS
+from hal.can.timing import frame_ns
+
+_BUS_SHIFT = np.uint64(48)
+_BYTE = np.uint64(0xFF)
+
+
+@njit(cache=True)
+def bus_of(words, row):
+    """Bus index of a record."""
+    return np.int64((words[WORDS * row + 1] >> _BUS_SHIFT) & _BYTE)
+
+
+@njit(cache=True)
+def priority(words, row):
+    """Order on the bus: the lower wins."""
+    head = words[WORDS * row + 1]
+    can_id = np.int64(head & np.uint64(0x1FFFFFFF))
+    if (head >> np.uint64(40)) & np.uint64(EXTENDED):
+        return (can_id >> 18) << 19 | 1 << 18 | (can_id & 0x3FFFF)
+    return can_id << 19
+
+
+@njit(cache=True)
+def admit(words, start, n, bus_map):
+    """Check n records from row `start` on and move the good ones together; returns how many are good.
+
+    `bus_map` (16,) turns the sender's channel index into the hub's, −1 where it has none. A record is good when its bus is
+    known, its identifier fits, and its length is one that CAN (or CAN FD) has; bytes beyond the length are set to zero.
+    """
+    good = start
+    for row in range(start, start + n):
+        head = words[WORDS * row + 1]
+        can_id, length = np.int64(head & np.uint64(0xFFFFFFFF)), np.int64((head >> np.uint64(32)) & _BYTE)
+        flags, bus = np.int64((head >> np.uint64(40)) & _BYTE), np.int64((head >> _BUS_SHIFT) & _BYTE)
+        if bus >= bus_map.shape[0] or bus_map[bus] < 0 or flags >= 2 * REMOTE:
+            continue
+        if can_id > (0x1FFFFFFF if flags & EXTENDED else 0x7FF):
+            continue
+        if flags & FD:
+            if flags & REMOTE or length > 64:
+                continue
+            if length > 8 and not (length <= 24 and length % 4 == 0) and length not in (32, 48, 64):
+                continue
+        elif length > 8 or flags & 3:
+            continue
+        to, source = WORDS * good, WORDS * row
+        words[to] = words[source]
+        words[to + 1] = head & np.uint64(0x0000FFFFFFFFFFFF) | np.uint64(bus_map[bus]) << _BUS_SHIFT
+        for i in range(8):
+            used = min(max((0 if flags & REMOTE else length) - 8 * i, 0), 8)
+            word = words[source + 2 + i]
+            words[to + 2 + i] = word if used == 8 else word & ((np.uint64(1) << np.uint64(8 * used)) - np.uint64(1))
+        good += 1
+    return good - start
+
+
+@njit(cache=True)
+def by_priority(words, n, order):
+    """`order` ← rows 0..n−1, lowest identifier first, equal ones as they came (insertion sort: drives send nearly in order)."""
+    for row in range(n):
+        key, i = priority(words, row), row
+        while i > 0 and priority(words, order[i - 1]) > key:
+            order[i] = order[i - 1]
+            i -= 1
+        order[i] = row
+
+
+@njit(cache=True)
+def arbitrate(words, order, node, n, now, bitrates, free, frames, busy, out, out_node, heads, following):
+    """Put n waiting frames onto their buses; `out` gets them in the order in which they end, time_ns set to that end.
+
+    words: the waiting records; order (≥ n,): rows as they were queued; node (≥ n,): who queued each row.
+    now: ns, when they wait; bitrates (c, 2): nominal and data bit/s; free (c,): ns when each bus was last free, updated.
+    frames, busy (c,): counted frames and busy ns, updated. heads (c, nodes) and following (≥ n,): work space.
+    """
+    channels, nodes = heads.shape
+    heads[:] = -1
+    for k in range(n - 1, -1, -1):
+        row = order[k]
+        bus = bus_of(words, row)
+        following[row] = heads[bus, node[row]]
+        heads[bus, node[row]] = row
+    winner, end = np.full(channels, -1, np.int64), np.zeros(channels, np.int64)
+    for bus in range(channels):
+        free[bus] = max(free[bus], now)
+        winner[bus], end[bus] = _next(words, heads, bus, nodes, free, bitrates)
+    for k in range(n):
+        first = -1
+        for bus in range(channels):
+            if winner[bus] >= 0 and (first < 0 or end[bus] < end[first]):
+                first = bus
+        row = winner[first]
+        for i in range(WORDS):
+            out[WORDS * k + i] = words[WORDS * row + i]
+        out[WORDS * k] = np.uint64(end[first])
+        out_node[k] = node[row]
+        frames[first] += 1
+        busy[first] += end[first] - free[first]
+        free[first] = end[first]
+        heads[first, node[row]] = following[row]
+        winner[first], end[first] = _next(words, heads, first, nodes, free, bitrates)
+
+
+@njit(cache=True)
+def _next(words, heads, bus, nodes, free, bitrates):
+    """(the row that wins the bus next or −1, ns when it ends)."""
+    best, lowest = -1, np.int64(0)
+    for who in range(nodes):
+        row = heads[bus, who]
+        if row >= 0:
+            key = priority(words, row)
+            if best < 0 or key < lowest:
+                best, lowest = row, key
+    if best < 0:
+        return best, np.int64(0)
+    return best, free[bus] + frame_ns(words, best, bitrates[bus, 0], bitrates[bus, 1])
+
+
+@njit(cache=True)
+def select(words, node, n, listener, bus_map, out):
+    """Copy the records that a listener wants into `out`, the bus renumbered as the listener counts; returns how many.
+
+    listener: its node number, whose own frames it does not get (−1: all); bus_map (16,): hub's channel index → the
+    listener's, −1 where it does not listen.
+    """
+    k = 0
+    for row in range(n):
+        local = bus_map[bus_of(words, row)]
+        if local < 0 or node[row] == listener:
+            continue
+        for i in range(WORDS):
+            out[WORDS * k + i] = words[WORDS * row + i]
+        out[WORDS * k + 1] = words[WORDS * row + 1] & np.uint64(0x0000FFFFFFFFFFFF) | np.uint64(local) << _BUS_SHIFT
+        k += 1
+    return k

@@ -1,0 +1,115 @@
+"""Watching a bus: candump's lines, decoded text beside them, log files that every CAN tool reads."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import can
+import cantools
+from cantools.database.can import Database
+
+LOG_SUFFIXES = (".blf", ".asc", ".log", ".csv", ".db", ".mf4", ".trc", ".txt")
+"""Formats of log files, as python-can writes them; .log is candump's own."""
+
+
+def line(message: can.Message) -> str:
+    """A message as candump -ta prints it: ``(12.345678)  can0  123  [16]  00 11 ...``; FD lengths have two digits."""
+    identifier = f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
+    length = f"[{message.dlc:02d}]" if message.is_fd else f" [{message.dlc}]"
+    data = "remote request" if message.is_remote_frame else message.data.hex(" ").upper()
+    return f" ({message.timestamp:.6f})  {message.channel}  {identifier:>8}  {length}  {data}"
+
+
+class Decoder:
+    """What messages say, by a DBC file."""
+
+    def __init__(self, dbc: str | os.PathLike[str]):
+        """Raises ValueError naming the file where cantools can't read it."""
+        try:
+            database = cantools.database.load_file(os.fspath(dbc))
+        except (OSError, cantools.Error, UnicodeDecodeError) as error:
+            raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
+        if not isinstance(database, Database):
+            raise ValueError(f"{dbc}: a diagnostics database; expected one of CAN messages (DBC)")
+        self._database = database
+        self._extended = {(m.frame_id, m.is_extended_frame) for m in database.messages}
+
+    def text(self, message: can.Message) -> str:
+        """``Name(Signal: value unit, ...)``, empty for a message that the file does not have."""
+        if (message.arbitration_id, message.is_extended_id) not in self._extended or message.is_remote_frame:
+            return ""
+        definition = self._database.get_message_by_frame_id(message.arbitration_id)
+        try:
+            values = definition.decode(bytes(message.data))
+        except (cantools.Error, ValueError) as error:
+            return f"{definition.name}(can't be decoded: {error})"
+        assert isinstance(values, dict)  # a container message would be a list; DBC has none
+        units = {signal.name: f" {signal.unit}" if signal.unit else "" for signal in definition.signals}
+        return (
+            f"{definition.name}({', '.join(f'{name}: {_plain(value)}{units[name]}' for name, value in values.items())})"
+        )
+
+
+def _plain(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def check_log(file: Path) -> None:
+    """Raises ValueError when python-can has no writer for this file's suffix, or its folder is missing."""
+    if file.suffix.lower() not in LOG_SUFFIXES:
+        raise ValueError(f"log file {file}: suffix {file.suffix or 'none'}; expected one of {', '.join(LOG_SUFFIXES)}")
+    if not file.absolute().parent.is_dir():
+        raise ValueError(f"log file {file}: the folder {file.absolute().parent} is not there")
+
+
+class Interrupt:
+    """SIGINT and SIGTERM as a flag, so that they never come in the middle of a message. Main thread only."""
+
+    def __init__(self) -> None:
+        self.set = False
+        self._event = os.eventfd(0, os.EFD_NONBLOCK)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, *_: object) -> None:
+        self.set = True
+        os.eventfd_write(self._event, 1)
+
+    def fileno(self) -> int:
+        """Readable once a signal has come."""
+        return self._event
+
+
+def watch(
+    bus: can.BusABC,
+    sinks: Sequence[Callable[[can.Message], object]],
+    *,
+    count: int | None = None,
+    idle: Callable[[], object] | None = None,
+    interrupt: Interrupt | None = None,
+) -> int:
+    """Give every message to every sink until `count` have come (None: for ever) or `interrupt`; returns how many.
+
+    idle: called whenever nothing more is waiting, e.g. to flush what was printed. Raises can.CanOperationError when the bus
+    ends.
+    """
+    seen = 0
+    waiting = select.poll()
+    waiting.register(bus.fileno(), select.POLLIN)
+    if interrupt is not None:
+        waiting.register(interrupt.fileno(), select.POLLIN)
+    while (count is None or seen < count) and not (interrupt is not None and interrupt.set):
+        message = bus.recv(0)
+        if message is None:
+            if idle is not None:
+                idle()
+            waiting.poll()
+            continue
+        for sink in sinks:
+            sink(message)
+        seen += 1
+    return seen

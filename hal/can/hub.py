@@ -1,0 +1,368 @@
+"""The virtual CAN bus: a hub that arbitrates frames by identifier and sends every frame to everybody else.
+
+Processes join over a Unix seqpacket socket (hal.can.wire); the simulated drives sit in the hub's own process and use `poll`
+and `transmit`. No listener can hold up the bus: what a slow one has not taken waits in a bounded queue, then is dropped,
+counted, and told to it (hal.can.frames.LOST). Timestamps are when a frame would have ended on a real bus of that bit rate,
+counted on the hub's clock; frames are passed on at once.
+
+    python -m hal.can.hub --runtime DIR --channels can0,can1      a bus without a robot, for tests and tools
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from hal.can import wire
+from hal.can.arbitration import admit, arbitrate, by_priority
+from hal.can.arbitration import select as select_records
+from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD, WORDS
+from hal.can.timing import BusTiming, LoadMeter
+from handrail.runtime import Runtime
+
+_CAPACITY = 8192
+"""Records that one poll takes in."""
+_TURN = 16
+"""Datagrams that one poll takes from one node, so that a flood from one can't starve the others."""
+_QUEUE = 65536
+"""Records that wait for one slow listener, about 5 MB."""
+_NODES = 64
+"""Processes on the bus, the hub's own drives (node 0) included."""
+
+
+@dataclass(frozen=True)
+class ChannelStatistics:
+    """What one channel has carried."""
+
+    name: str
+    frames: int
+    busy_ns: int
+    load: float
+    """share of the time in use over about the last second of the hub's clock; above 1: more than the bus can carry"""
+
+
+@dataclass
+class _Node:
+    """A process that joined."""
+
+    connection: socket.socket
+    number: int
+    greeted: bool = False
+    own_frames: bool = False
+    inbound: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(MAX_CHANNELS, -1, np.int64))
+    outbound: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(MAX_CHANNELS, -1, np.int64))
+    queue: deque[bytes] = field(default_factory=deque)
+    queued: int = 0
+    unsaid: int = 0
+    """records dropped that the listener has not been told of"""
+
+
+class Hub:
+    """The bus, and the hub's own node on it."""
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        channels: Sequence[str | BusTiming],
+        *,
+        clock: Callable[[], int] = time.time_ns,
+        queue: int = _QUEUE,
+    ):
+        """Listens at `path`. `channels`: names, or anything with name, bitrate and data_bitrate (bit/s).
+
+        clock: ns for the frames' timestamps; the plant gives its own. queue: records that may wait for a slow listener.
+        Raises ValueError on a bad list of channels, OSError when the path can't be used or another hub listens there.
+        """
+        self.channels = [
+            BusTiming(c) if isinstance(c, str) else BusTiming(c.name, c.bitrate, c.data_bitrate) for c in channels
+        ]
+        names = [channel.name for channel in self.channels]
+        if not 1 <= len(names) <= MAX_CHANNELS or len(set(names)) != len(names):
+            raise ValueError(f"hub: channels {names}; expected 1 to {MAX_CHANNELS} different names")
+        self._clock, self._queue = clock, queue
+        count = len(names)
+        self._bitrates = np.array([(c.bitrate, c.data_bitrate) for c in self.channels], np.int64)
+        self._free = np.zeros(count, np.int64)
+        self._frames, self._busy = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self._meters = [LoadMeter() for _ in names]
+        self.refused = 0
+        """records that were no CAN frames, or for a channel that is not there"""
+        self.dropped = 0
+        """records dropped for slow listeners"""
+        self._inbox = np.zeros(WORDS * (_CAPACITY + wire.MAX_RECORDS + 1), np.uint64)
+        self._ordered = np.zeros(WORDS * _CAPACITY, np.uint64)
+        self._selected = np.zeros(WORDS * _CAPACITY, np.uint64)
+        self._inbox_bytes = self._inbox.data.cast("B")
+        self._selected_bytes = self._selected.data.cast("B")
+        self._records = self._ordered.view(RECORD)
+        self._node, self._ordered_node = np.zeros(_CAPACITY, np.int64), np.zeros(_CAPACITY, np.int64)
+        self._as_they_came, self._order = np.arange(_CAPACITY), np.zeros(_CAPACITY, np.int64)
+        self._heads, self._following = np.zeros((count, _NODES), np.int64), np.zeros(_CAPACITY, np.int64)
+        self._own = np.where(np.arange(MAX_CHANNELS) < count, np.arange(MAX_CHANNELS), -1)
+        self._warm()
+        self._nodes: dict[int, _Node] = {}
+        self._path = Path(path)
+        self._listener = _listen(self._path)
+        self._epoll = select.epoll()
+        self._epoll.register(self._listener, select.EPOLLIN)
+
+    def _warm(self) -> None:
+        # Compile every kernel before anybody joins: a slow first cycle would fill the sockets.
+        self._inbox[:WORDS] = 0
+        admit(self._inbox, 0, 1, self._own)
+        by_priority(self._inbox, 1, self._order)
+        self._arbitrate(self._as_they_came, 1, 0)
+        select_records(self._ordered, self._ordered_node, 1, 0, self._own, self._selected)
+        for counter in (self._free, self._frames, self._busy):
+            counter[:] = 0
+
+    def _arbitrate(self, order: npt.NDArray[np.int64], n: int, now: int) -> None:
+        arbitrate(
+            self._inbox, order, self._node, n, now, self._bitrates, self._free, self._frames, self._busy,
+            self._ordered, self._ordered_node, self._heads, self._following,
+        )  # fmt: skip
+
+    def fileno(self) -> int:
+        """A file descriptor that is readable when `poll` has something to do."""
+        return self._epoll.fileno()
+
+    @property
+    def listeners(self) -> int:
+        """Processes that have joined."""
+        return sum(node.greeted for node in self._nodes.values())
+
+    def poll(self, timeout_s: float | None = 0.0) -> npt.NDArray[np.void]:
+        """Frames from the other processes since the last call, in the order in which the buses carry them.
+
+        Waits at most `timeout_s` for the first (None: for ever, 0: not at all). A datagram is never split between two
+        calls. The frames have been passed on to everybody else; the view holds until the next `poll` or `transmit`.
+        """
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        wait = timeout_s
+        while True:
+            n = 0
+            for descriptor, event in self._epoll.poll(wait):
+                if descriptor == self._listener.fileno():
+                    self._accept()
+                elif (node := self._nodes.get(descriptor)) is not None:
+                    if event & select.EPOLLOUT:
+                        self._flush(node)
+                    if event & ~select.EPOLLOUT:
+                        n = self._take(node, n)
+            if n:
+                self._arbitrate(self._as_they_came, n, self._clock())
+                self._pass_on(n)
+                return self._records[:n]
+            if deadline is not None:
+                wait = deadline - time.monotonic()
+                if wait <= 0.0:
+                    return self._records[:0]
+
+    def transmit(self, records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+        """Send frames of the hub's own drives, each drive a node of its own, to everybody else.
+
+        Returns them as the buses carried them; the view holds until the next `poll` or `transmit`. Raises ValueError when
+        a record is no CAN frame or its channel is not there.
+        """
+        n = len(records)
+        if n > _CAPACITY:
+            raise ValueError(f"hub: {n} records at once; expected at most {_CAPACITY}")
+        self._inbox[: WORDS * n] = np.ascontiguousarray(records).view(np.uint64)
+        good = admit(self._inbox, 0, n, self._own)
+        if good != n:
+            raise ValueError(f"hub: {n - good} of {n} records are no CAN frames or name a channel that is not there")
+        by_priority(self._inbox, n, self._order)
+        self._node[:n] = 0
+        self._arbitrate(self._order, n, self._clock())
+        self._pass_on(n)
+        return self._records[:n]
+
+    def statistics(self) -> list[ChannelStatistics]:
+        """What every channel has carried. Call it several times a second for a load that is up to date."""
+        now = self._clock()
+        return [
+            ChannelStatistics(channel.name, int(frames), int(busy), meter.update(now, int(busy)))
+            for channel, frames, busy, meter in zip(self.channels, self._frames, self._busy, self._meters, strict=True)
+        ]
+
+    def close(self) -> None:
+        """Leave: every process on the bus notices."""
+        for node in list(self._nodes.values()):
+            self._part(node)
+        self._epoll.close()
+        self._listener.close()
+        with contextlib.suppress(FileNotFoundError):
+            self._path.unlink()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            connection, _ = self._listener.accept()
+            wire.prepare(connection)
+            taken = {node.number for node in self._nodes.values()}
+            number = next((i for i in range(1, _NODES) if i not in taken), None)
+            if number is None:
+                with contextlib.suppress(OSError):
+                    connection.send(wire.encode(wire.Sorry(reason=f"{_NODES - 1} processes are on the bus already")))
+                connection.close()
+                return
+            self._nodes[connection.fileno()] = _Node(connection, number)
+            self._epoll.register(connection, select.EPOLLIN)
+
+    def _part(self, node: _Node) -> None:
+        self._nodes.pop(node.connection.fileno(), None)
+        with contextlib.suppress(OSError):
+            self._epoll.unregister(node.connection)
+        node.connection.close()
+
+    def _take(self, node: _Node, n: int) -> int:
+        """Read a node's datagrams behind the n records that are there; returns how many there are then."""
+        for _ in range(_TURN):
+            if n + wire.MAX_RECORDS > _CAPACITY:
+                return n
+            try:
+                size = node.connection.recv_into(self._inbox_bytes[BYTES * n :], wire.MAX_BYTES + 1)
+            except BlockingIOError:
+                return n
+            except OSError:
+                size = 0
+            if size and not node.greeted:
+                if self._greet(node, bytes(self._inbox_bytes[BYTES * n : BYTES * n + size])):
+                    continue
+                size = 0
+            if size == 0 or size > wire.MAX_BYTES or size % BYTES:
+                # It left, or speaks something else: nothing that it says can be trusted.
+                self._part(node)
+                return n
+            count = size // BYTES
+            good = admit(self._inbox, n, count, node.inbound)
+            self.refused += count - good
+            self._node[n : n + good] = node.number
+            n += good
+        return n
+
+    def _greet(self, node: _Node, datagram: bytes) -> bool:
+        names = [channel.name for channel in self.channels]
+        try:
+            hello = wire.decode_hello(datagram)
+            wanted = names if hello.channels is None else hello.channels
+            unknown = [name for name in wanted if name not in names]
+            if hello.version != wire.VERSION:
+                raise ValueError(f"version {hello.version}; this hub speaks {wire.VERSION}")
+            if unknown or len(set(wanted)) != len(wanted):
+                raise ValueError(f"channels {wanted}; expected different names out of {names}")
+        except (msgspec.DecodeError, ValueError) as error:
+            with contextlib.suppress(OSError):
+                node.connection.send(wire.encode(wire.Sorry(reason=str(error))))
+            return False
+        for local, name in enumerate(wanted):
+            node.inbound[local] = names.index(name)
+            node.outbound[names.index(name)] = local
+        chosen = [self.channels[names.index(name)] for name in wanted]
+        answer = [wire.ChannelInfo(c.name, c.bitrate, c.data_bitrate) for c in chosen]
+        try:
+            node.connection.send(wire.encode(wire.Welcome(channels=answer)))
+        except OSError:
+            return False
+        node.greeted, node.own_frames = True, hello.own_frames
+        return True
+
+    def _pass_on(self, n: int) -> None:
+        for node in list(self._nodes.values()):
+            if not node.greeted:
+                continue
+            skip = -1 if node.own_frames else node.number
+            count = select_records(self._ordered, self._ordered_node, n, skip, node.outbound, self._selected)
+            for start in range(0, count, wire.MAX_RECORDS):
+                stop = min(count, start + wire.MAX_RECORDS)
+                self._send(node, self._selected_bytes[BYTES * start : BYTES * stop], stop - start)
+
+    def _send(self, node: _Node, datagram: memoryview, count: int) -> None:
+        if not node.queue:
+            try:
+                node.connection.send(datagram)
+                return
+            except BlockingIOError:
+                self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
+            except OSError:
+                return  # it left; the next poll hears of it
+        if node.queued + count > self._queue:
+            node.unsaid += count
+            self.dropped += count
+            return
+        if node.unsaid:
+            self._note_loss(node)
+        node.queue.append(bytes(datagram))
+        node.queued += count
+
+    def _note_loss(self, node: _Node) -> None:
+        """Queue the notice where the frames are missing."""
+        notice = np.zeros(1, RECORD)
+        notice["flags"], notice["can_id"], notice["time_ns"] = LOST, node.unsaid, self._clock()
+        node.queue.append(notice.tobytes())
+        node.queued, node.unsaid = node.queued + 1, 0
+
+    def _flush(self, node: _Node) -> None:
+        try:
+            while node.queue:
+                node.connection.send(node.queue[0])
+                node.queued -= len(node.queue.popleft()) // BYTES
+                if node.unsaid and not node.queue:
+                    self._note_loss(node)
+        except BlockingIOError:
+            return
+        except OSError:
+            node.queue.clear()
+        self._epoll.modify(node.connection, select.EPOLLIN)
+
+
+def _listen(path: Path) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        if path.is_socket():
+            with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+                if probe.connect_ex(os.fspath(path)) == 0:
+                    raise OSError(f"CAN hub: another hub listens at {path}; stop it, or use another runtime folder")
+            path.unlink()  # left over from a hub that was killed
+        listener.bind(os.fspath(path))
+        listener.listen(_NODES)
+        listener.setblocking(False)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def main() -> None:
+    """Run a hub by itself until SIGTERM or SIGINT."""
+    parser = argparse.ArgumentParser(prog="python -m hal.can.hub", description="A virtual CAN bus without a robot.")
+    parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
+    parser.add_argument("--channels", default="can0", help="channel names, separated by commas (default: can0)")
+    options = parser.parse_args()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: sys.exit(0))
+    try:
+        hub = Hub(Runtime.at(options.runtime).bus, options.channels.split(","))
+    except (OSError, ValueError) as error:
+        sys.exit(str(error))
+    print("hub ready", flush=True)
+    with contextlib.closing(hub):
+        while True:
+            hub.poll(None)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Where the drives meet the bus: the host's frames in, one DriveStatus a drive out."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from hal.can import frames
+from hal.drives.lifecycle import State, statusword
+from hal.drives.limb_fd import DriveTargets, LimbProtocol
+from hal.joint import JointState
+from hal.plant.world import World
+
+_STATUSWORDS = statusword(np.arange(len(State)))
+
+
+class BusNode:
+    """All drives of a world's robot on their buses. Every frame to a limb is answered once, after the step that follows it."""
+
+    def __init__(self, world: World):
+        self.refused = 0
+        """frames for drives that had a bad CRC or a wrong length: ignored, and not answered"""
+        drives = world.drives
+        n = len(drives)
+        self._drives = drives
+        self._protocol = LimbProtocol(world.description)
+        self._targets = DriveTargets(n)
+        self._owed = np.zeros(n, np.bool_)
+        self._out = frames.empty(n)
+        # The answers' values are the world's own arrays: nothing is copied on the way to the frame.
+        self._state = state = JointState(n)
+        state.position, state.velocity = world.position, world.velocity
+        state.torque = drives.actuators.spring_torque
+        state.temperature, state.error = drives.temperature, drives.error
+        state.sequence = self._targets.sequence
+
+    def receive(self, records: npt.NDArray[np.void]) -> tuple[int, int]:
+        """Take frames of other nodes; returns how many of them were Sync and HoldTime on the first channel."""
+        targets, drives, owed = self._targets, self._drives, self._owed
+        self.refused += self._protocol.decode(records, len(records), targets)[1]
+        if np.count_nonzero(targets.controlled):
+            drives.control(targets.controlword, targets.controlled)
+            np.logical_or(owed, targets.controlled, out=owed)
+        if np.count_nonzero(targets.commanded):
+            drives.command(targets.command, targets.commanded, targets.watchdog)
+            np.logical_or(owed, targets.commanded, out=owed)
+        return targets.syncs, targets.holds
+
+    def answer(self) -> npt.NDArray[np.void]:
+        """The answers that are owed, as the world stands now; valid until the next call."""
+        owed, state = self._owed, self._state
+        if not np.count_nonzero(owed):
+            return self._out[:0]
+        _STATUSWORDS.take(self._drives.state, out=state.status)
+        count = self._protocol.encode_status(state, self._drives.actuators.mode, owed, self._out)
+        owed[:] = False
+        return self._out[:count]

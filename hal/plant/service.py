@@ -1,0 +1,168 @@
+"""The plant as a process: the world, the virtual bus inside it, and what time means.
+
+``lockstep``: the world steps one host period when Sync comes on the first channel, then the drives answer. HoldTime keeps it
+standing. Where neither has come for 0.5 s of wall time the world runs free, at wall speed, so that watchdogs fire as they
+would on a robot; the next Sync or HoldTime ends that. Before the first Sync time stands at zero, whenever the host starts.
+
+``wall``: the world steps every millisecond by absolute deadlines, and frames are answered after the step before which they
+came. An overrun skips whole steps and keeps phase: simulated time then lags.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import os
+import signal
+import sys
+import time
+from typing import TextIO
+
+from hal.can.hub import Hub
+from hal.can.timing import BusTiming
+from hal.plant import scene
+from hal.plant.bus_node import BusNode
+from hal.plant.drive_node import STEP_NS
+from hal.plant.world import World
+from hal.realtime import RealTime, sleep_until
+from handrail.config import ConfigError
+from handrail.robot import description
+from handrail.runtime import Runtime
+from handrail.topics import Publisher
+
+TRUTH_STEPS = 20
+"""Ground truth goes out every so many steps: 50 Hz of simulated time."""
+SILENCE_S = 0.5
+"""wall time without Sync or HoldTime after which a lock-step world runs free"""
+_PATIENCE_S = 0.2
+"""the longest wait, so that SIGTERM is heard"""
+_PRIORITY, _CPUS = 70, (0,)  # below the daemon's, on the other core
+_MOST_STEPS_AT_ONCE = 50
+
+
+class Service:
+    """Steps a world for the hosts on its bus until `stop` is called (from a signal handler, say)."""
+
+    def __init__(self, world: World, hub: Hub, truth: Publisher | None = None):
+        self.world, self.hub = world, hub
+        self.skipped = 0
+        """wall clock: steps that overruns skipped"""
+        self.free_runs = 0
+        """lock-step: how often the world ran free"""
+        self._node = BusNode(world)
+        self._truth = truth
+        self._steps_a_period = world.description.period_ns // STEP_NS
+        self._stopping = False
+
+    def stop(self) -> None:
+        """Let the running loop return, within 0.2 s."""
+        self._stopping = True
+
+    def _advance(self, steps: int) -> None:
+        for _ in range(steps):
+            self.world.step()
+            if self._truth is not None and self.world.steps % TRUTH_STEPS == 0:
+                self._truth.send(self.world.truth())
+        answers = self._node.answer()
+        if len(answers):
+            self.hub.transmit(answers)
+
+    def run_lockstep(self) -> None:
+        """Step when Sync comes; see the module's text."""
+        heard: float | None = None
+        free_since: float | None = None
+        free_steps = 0
+        wait = _PATIENCE_S
+        while not self._stopping:
+            records = self.hub.poll(wait)
+            syncs, holds = self._node.receive(records) if len(records) else (0, 0)
+            if syncs or (holds and heard is not None):
+                heard, free_since, wait = time.monotonic(), None, _PATIENCE_S
+                self._advance(syncs * self._steps_a_period)
+            elif heard is not None:
+                now = time.monotonic()
+                if free_since is None and now - heard >= SILENCE_S:
+                    free_since, free_steps, wait = now, 0, STEP_NS * 1e-9
+                    self.free_runs += 1
+                if free_since is not None:
+                    due = int((now - free_since) * 1e9) // STEP_NS - free_steps
+                    free_steps += due
+                    if due:
+                        self._advance(min(due, _MOST_STEPS_AT_ONCE))
+
+    def run_wall(self) -> None:
+        """Step every millisecond of wall time; see the module's text."""
+        deadline = (time.monotonic_ns() // STEP_NS + 1) * STEP_NS
+        while not self._stopping:
+            sleep_until(deadline)
+            records = self.hub.poll(0.0)
+            if len(records):
+                self._node.receive(records)
+            self._advance(1)
+            deadline += STEP_NS
+            late = time.monotonic_ns() - deadline
+            if late > 0:
+                missed = late // STEP_NS + 1
+                self.skipped += missed
+                deadline += missed * STEP_NS
+
+
+def main() -> None:
+    """Run the plant until SIGTERM or SIGINT; prints `plant ready` when the bus can be joined."""
+    parser = argparse.ArgumentParser(
+        prog="python -m hal.plant.world",
+        description="The simulated robot and its world, with the virtual CAN bus inside.",
+    )
+    parser.add_argument("--robot", required=True, help="robot's name or folder, e.g. talos_upper")
+    parser.add_argument("--scene", required=True, help="scene's name or YAML file, e.g. valve")
+    parser.add_argument("--clock", choices=("lockstep", "wall"), required=True)
+    parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
+    options = parser.parse_args()
+    with _own_stdout() as stdout:
+        try:
+            robot = description.load(options.robot)
+            world = World(robot, scene.load(options.scene))
+            runtime = Runtime.at(options.runtime)
+            channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in robot.channels]
+            hub = Hub(runtime.bus, channels, clock=lambda: world.time_ns)
+        except (ConfigError, OSError, ValueError) as error:
+            sys.exit(f"plant: {error}")
+        truth = Publisher(runtime.endpoint("plant.truth"))
+        service = Service(world, hub, truth)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: service.stop())
+        with contextlib.closing(hub), contextlib.closing(world), contextlib.closing(truth):
+            _run(service, options.clock, stdout)
+
+
+def _run(service: Service, clock: str, stdout: TextIO) -> None:
+    # The first steps compile and allocate: take them before time counts. Nothing moves behind closed brakes.
+    warm = World(service.world.description, service.world.scene)
+    warm.advance(4)
+    warm.close()
+    if clock == "wall":
+        for warning in RealTime(priority=_PRIORITY, cpus=_CPUS).warnings:
+            print(f"plant: {warning}", file=sys.stderr)
+    else:
+        gc.collect()
+        gc.freeze()
+    print("plant ready", file=stdout, flush=True)
+    (service.run_wall if clock == "wall" else service.run_lockstep)()
+    world = service.world
+    peaks = ", ".join(f"{name} {force:.0f} N" for name, force in world.peak_contact_force.items()) or "no objects"
+    print(
+        f"plant: {world.time_ns * 1e-9:.2f} s simulated, {service.skipped} steps skipped, "
+        f"{service.free_runs} free runs; peak contact: {peaks}",
+        file=sys.stderr,
+    )
+
+
+@contextlib.contextmanager
+def _own_stdout():  # type: ignore[no-untyped-def]
+    """Standard output for us alone: PyBullet's C code, which prints there too, gets standard error instead."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    with os.fdopen(kept, "w") as stdout:
+        yield stdout

@@ -1,0 +1,240 @@
+"""The plant's world: rigid bodies in PyBullet, and the robot's actuators and drives between them and the bus.
+
+`World` is the physics alone, stepped by whoever holds it, so that tests can drive it without a bus. As a process
+(`python -m hal.plant.world --robot NAME --scene FILE_OR_NAME --clock lockstep|wall --runtime DIR`) it is `hal.plant.service`.
+
+The world's frame is the robot's fixed base. A step is 1 ms; the firmware runs five times in it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from hal.plant.actuator import FIRMWARE_HZ, Actuators, springs_for
+from hal.plant.bodies import HINGE, object_urdf
+from hal.plant.bullet import pybullet as p
+from hal.plant.drive_node import STEP_NS, DriveNodes
+from hal.plant.model import prepare
+from hal.plant.scene import EMPTY, Scene, Wheel
+from handrail.messages import GroundTruth
+from handrail.robot.description import RobotDescription
+
+_STEP = STEP_NS * 1e-9
+_FIRMWARE_CYCLES = round(FIRMWARE_HZ * _STEP)
+# Torque of a brake over the drive's rated torque. The constraint that holds a braked joint pulls it back by this share of its
+# error in each step.
+_BRAKE_RESERVE, _BRAKE_GAIN = 3.0, 0.2
+# Contacts are looked at every so many steps: a push lasts longer, and looking costs as much as the firmware.
+_CONTACT_STEPS = 4
+_ROBOT_FRICTION = 0.6
+
+
+class World:
+    """A robot and what stands around it. Robot arrays have shape (n,), in the description's order."""
+
+    def __init__(
+        self, description: RobotDescription, scene: Scene = EMPTY, *, posture: str = "ready", visual: bool = False
+    ):
+        """The robot stands still at a home `posture`, brakes closed. `visual`: with its looks, for pictures.
+
+        Raises KeyError for a posture that the robot has not.
+        """
+        self.description, self.scene = description, scene
+        self.position = description.home_position(posture)
+        """rad"""
+        self.velocity = np.zeros(len(description.joints))
+        """rad/s"""
+        self.steps = 0
+        self.contact_force = dict.fromkeys(scene.objects, 0.0)
+        """object → N, sum of the normal forces between it and the robot, when it was last looked at"""
+        self.peak_contact_force = dict.fromkeys(scene.objects, 0.0)
+        """object → N, the largest so far"""
+        self._client = p.connect(p.DIRECT)
+        p.setGravity(0, 0, -9.81, physicsClientId=self._client)
+        p.setTimeStep(_STEP, physicsClientId=self._client)
+        p.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self._client)
+        self._robot, self._rows = self._load_robot(visual)
+        self._objects = {name: self._load_object(name) for name in scene.objects}
+        self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
+        self.drives = DriveNodes(description, Actuators(springs_for(description.torque_limit)))
+        self.drives.actuators.relax(self.position)
+        self.drives.actuators.set_position_gains(description.stiffness, self._damping())
+        self._braked = np.zeros(len(self.position), np.bool_)
+        self._work_brakes()
+
+    @property
+    def client(self) -> int:
+        """PyBullet's handle of this world."""
+        return self._client
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time since the start."""
+        return self.steps * STEP_NS
+
+    def _load_robot(self, visual: bool) -> tuple[int, list[int]]:
+        urdf = prepare(self.description, visual=visual)
+        robot = p.loadURDF(
+            str(urdf), useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client
+        )
+        infos = [
+            p.getJointInfo(robot, i, physicsClientId=self._client) for i in range(p.getNumJoints(robot, self._client))
+        ]
+        by_name = {info[1].decode(): info[0] for info in infos}
+        rows = [by_name[joint] for joint in self.description.joints]
+        for row, position in zip(rows, self.position, strict=True):
+            p.resetJointState(robot, row, position, physicsClientId=self._client)
+        for link in range(-1, len(infos)):
+            p.changeDynamics(
+                robot,
+                link,
+                jointDamping=0,
+                linearDamping=0,
+                angularDamping=0,
+                lateralFriction=_ROBOT_FRICTION,
+                physicsClientId=self._client,
+            )
+        return robot, rows
+
+    def _load_object(self, name: str) -> int:
+        thing, pose = self.scene.objects[name], self.scene.poses_in_world[name]
+        with tempfile.TemporaryDirectory(prefix="handrail-") as folder:
+            file = Path(folder) / f"{name}.urdf"
+            file.write_text(object_urdf(name, thing), encoding="utf-8")
+            body = p.loadURDF(
+                str(file),
+                pose.position,
+                pose.orientation,
+                useFixedBase=True,
+                flags=p.URDF_USE_INERTIA_FROM_FILE,
+                physicsClientId=self._client,
+            )
+        for link in range(-1, p.getNumJoints(body, self._client)):
+            p.changeDynamics(
+                body,
+                link,
+                jointDamping=0,
+                linearDamping=0,
+                angularDamping=0,
+                lateralFriction=thing.friction,
+                physicsClientId=self._client,
+            )
+        if isinstance(thing, Wheel):
+            p.resetJointState(body, HINGE, thing.hinge_angle, physicsClientId=self._client)
+            # A motor that wants to stand still, and may use so much torque for it, is Coulomb friction.
+            p.setJointMotorControl2(
+                body,
+                HINGE,
+                p.VELOCITY_CONTROL,
+                targetVelocity=0,
+                force=thing.hinge_friction,
+                physicsClientId=self._client,
+            )
+        return body
+
+    def _damping(self) -> np.ndarray:
+        """N·m·s/rad (n,): what fits the description's stiffness here, D = 2 ζ sqrt(K sqrt(M_ii / (M⁻¹)_ii))."""
+        configuration = np.zeros(len(self._rows))
+        configuration[self._rows] = self.position
+        mass = np.array(p.calculateMassMatrix(self._robot, configuration.tolist(), physicsClientId=self._client))
+        mass = mass[np.ix_(self._rows, self._rows)]
+        inertia = np.sqrt(np.diag(mass) / np.diag(np.linalg.inv(mass)))
+        return 2.0 * self.description.damping_ratio * np.sqrt(self.description.stiffness * inertia)
+
+    def step(self) -> None:
+        """Go on by 1 ms."""
+        drives, client = self.drives, self._client
+        torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
+        if drives.brakes_moved:
+            self._work_brakes()
+        p.setJointMotorControlArray(
+            self._robot, self._rows, p.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=client
+        )
+        p.stepSimulation(physicsClientId=client)
+        states = p.getJointStates(self._robot, self._rows, physicsClientId=client)
+        self.position[:], self.velocity[:], _, _ = zip(*states, strict=True)
+        self.steps += 1
+        if self.steps % _CONTACT_STEPS == 0:
+            self._watch_contacts()
+
+    def advance(self, steps: int) -> None:
+        """Go on by `steps` ms."""
+        for _ in range(steps):
+            self.step()
+
+    def _work_brakes(self) -> None:
+        """Close and open brakes as the drives say: a closed one is a constraint that holds the joint where it closed."""
+        brakes = self.drives.brakes
+        for j in np.flatnonzero(brakes != self._braked):
+            if brakes[j]:
+                p.setJointMotorControl2(
+                    self._robot,
+                    self._rows[j],
+                    p.POSITION_CONTROL,
+                    targetPosition=self.position[j],
+                    positionGain=_BRAKE_GAIN,
+                    velocityGain=1.0,
+                    force=_BRAKE_RESERVE * self.description.torque_limit[j],
+                    physicsClientId=self._client,
+                )
+            else:
+                p.setJointMotorControl2(
+                    self._robot, self._rows[j], p.VELOCITY_CONTROL, force=0, physicsClientId=self._client
+                )
+        self._braked[:] = brakes
+        self.drives.brakes_moved = False
+
+    def place(self, position: np.ndarray) -> None:
+        """Put the joints at `position` rad (n,), at rest, and close the brakes there (for pictures and tests)."""
+        for row, angle in zip(self._rows, position, strict=True):
+            p.resetJointState(self._robot, row, angle, physicsClientId=self._client)
+        self.position[:], self.velocity[:] = position, 0.0
+        self.drives.actuators.relax(self.position)
+        self.drives.switch_off()
+        self._braked[:] = False
+        self._work_brakes()
+
+    def _watch_contacts(self) -> None:
+        for name, body in self._objects.items():
+            contacts = p.getContactPoints(self._robot, body, physicsClientId=self._client)
+            force = sum(abs(contact[9]) for contact in contacts)
+            self.contact_force[name] = force
+            self.peak_contact_force[name] = max(self.peak_contact_force[name], force)
+
+    def body(self, name: str) -> int:
+        """PyBullet's number of an object (for tests and exercises that push it). Raises KeyError when there is none."""
+        return self._objects[name]
+
+    def hinge_angle(self, name: str) -> float:
+        """An object's hinge's signed angle, rad, without end. Raises KeyError for an object without one."""
+        return p.getJointState(self._hinges[name], HINGE, physicsClientId=self._client)[0]
+
+    def set_hinge_angle(self, name: str, angle: float) -> None:
+        """Turn an object's hinge to an angle, rad, and stop it there (for pictures and tests)."""
+        p.resetJointState(self._hinges[name], HINGE, angle, physicsClientId=self._client)
+
+    def truth(self) -> GroundTruth:
+        """What is really the case, now."""
+        return GroundTruth(
+            time_ns=self.time_ns,
+            joints=dict(zip(self.description.joints, self.position.tolist(), strict=True)),
+            hinges={name: self.hinge_angle(name) for name in self._hinges},
+            poses_in_world=self.scene.poses_in_world,
+            contact_force=dict(self.contact_force),
+            peak_contact_force=dict(self.peak_contact_force),
+        )
+
+    def close(self) -> None:
+        """Free the physics."""
+        if self._client >= 0:
+            p.disconnect(self._client)
+            self._client = -1
+
+
+if __name__ == "__main__":
+    from hal.plant.service import main
+
+    main()

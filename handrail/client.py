@@ -1,0 +1,251 @@
+"""`handrail.connect`: what tablets, the CLI and scripts call.
+
+    import handrail
+    from handrail.messages import Prompt, RunState
+
+    with handrail.connect("tcp://127.0.0.1:47800") as robot:
+        robot.enable()
+        with robot.events(Prompt, RunState) as events:
+            for event in events:
+                ...
+
+A call returns its typed answer. It raises `RefusedError` when the robot refused it (nothing has changed; the error names field,
+value and expectation), and `Unreachable` when no answer came (the text says what to do, and whether it may have been carried out).
+Calls may be made from any number of threads at once; none waits for another's answer, and a stop overtakes what is unsent.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from handrail.link import keys as link_keys
+from handrail.link.events import Events, Live
+from handrail.link.session import Session
+from handrail.messages import (
+    AnswerPrompt,
+    ClearStop,
+    DaemonStatus,
+    Deploy,
+    Deployment,
+    Disable,
+    Enable,
+    EngineSnapshot,
+    ExecutePlan,
+    GetEngine,
+    GetInstances,
+    GetPlan,
+    GetRobot,
+    GetStatus,
+    InstanceState,
+    Library,
+    ListLibrary,
+    MakePlan,
+    MoveInstance,
+    PauseRun,
+    PlaceInstance,
+    PlanPreview,
+    Pose,
+    RemoveInstance,
+    ResumeRun,
+    RobotInfo,
+    Run,
+    RunState,
+    SetParameters,
+    Stop,
+    StopRun,
+)
+from handrail.topics import RefusedError, Unreachable
+
+__all__ = ["Client", "Events", "Live", "RefusedError", "Unreachable", "connect"]
+
+logger = logging.getLogger("handrail.client")
+
+DEFAULT_ADDRESS = "tcp://127.0.0.1:47800"
+
+
+def connect(
+    address: str = DEFAULT_ADDRESS, keys: link_keys.ClientKeys | Path | str | None = None, *, timeout_s: float = 5.0
+) -> Client:
+    """Connect to the robot whose gate listens at `address` (tcp://HOST:PORT).
+
+    `keys`: a folder of keys, or None for this user's own (made on the first run; see `handrail.link.keys`). Waits `timeout_s` for
+    the gate and raises Unreachable if it is not there; 0 does not wait, and the client connects as soon as the gate is up. Raises
+    KeysError for keys that can't be used, ValueError for a malformed address.
+    """
+    own = keys if isinstance(keys, link_keys.ClientKeys) else link_keys.for_client(keys)
+    session = Session(address, own)
+    if timeout_s > 0:
+        try:
+            session.wait_connected(timeout_s)
+        except BaseException:
+            session.close()
+            raise
+    return Client(session)
+
+
+class Client:
+    """One operator's connection to a robot. Made by `connect`; reconnects by itself; close it or use it as a context."""
+
+    def __init__(self, session: Session):
+        self._session = session
+
+    @property
+    def address(self) -> str:
+        return self._session.address
+
+    @property
+    def connected(self) -> bool:
+        """True while the gate is there and knows this client's key."""
+        return self._session.connected
+
+    def close(self) -> None:
+        """Open calls end as Unreachable, event streams end."""
+        self._session.close()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def call(self, message: msgspec.Struct, timeout_s: float | None = None) -> Any:
+        """Any call of `handrail.messages` that may cross the link, by its struct; its answer."""
+        return self._session.call(message, timeout_s)
+
+    # ------------------------------------------------------------------------------------------------------------- robot
+
+    def robot(self) -> RobotInfo:
+        """Which robot this is: joints, limits (rad, rad/s, N·m), groups, tools, postures."""
+        return self.call(GetRobot())
+
+    def status(self) -> DaemonStatus:
+        """What the daemon is doing now: drives, controllers, action, loop and bus statistics."""
+        return self.call(GetStatus())
+
+    def enable(self) -> None:
+        """Take every drive into operation and hold where it is. Refused while the stop is latched."""
+        self.call(Enable())
+
+    def disable(self) -> None:
+        """Take every drive out of operation; brakes close."""
+        self.call(Disable())
+
+    def stop(self, reason: str = "") -> None:
+        """Operator stop: every drive quick-stops; latches until `clear_stop`."""
+        self.call(Stop(reason=reason[:200]))
+
+    def clear_stop(self) -> None:
+        """Unlatch the operator stop. Nothing moves: `enable` follows deliberately."""
+        self.call(ClearStop())
+
+    # ------------------------------------------------------------------------------------------------- templates, plans
+
+    def place_instance(
+        self, name: str, template: str, pose_in_world: Pose, parameters: Mapping[str, float] | None = None
+    ) -> InstanceState:
+        """Put the library's `template` into the world under a name of its own."""
+        return self.call(
+            PlaceInstance(name=name, template=template, pose_in_world=pose_in_world, parameters=dict(parameters or {}))
+        )
+
+    def move_instance(self, name: str, pose_in_world: Pose) -> InstanceState:
+        """Give an instance a new pose; plans made from it become stale."""
+        return self.call(MoveInstance(name=name, pose_in_world=pose_in_world))
+
+    def set_parameters(self, name: str, parameters: Mapping[str, float]) -> InstanceState:
+        """Change an instance's parameters; plans made from it become stale."""
+        return self.call(SetParameters(name=name, parameters=dict(parameters)))
+
+    def remove_instance(self, name: str) -> None:
+        """Take an instance away."""
+        self.call(RemoveInstance(name=name))
+
+    def instances(self) -> list[InstanceState]:
+        """All instances."""
+        return self.call(GetInstances()).instances
+
+    def plan(
+        self, instance: str, trajectory: str, arm: str = "right", *, timeout_s: float | None = None
+    ) -> PlanPreview:
+        """Plan a template's trajectory from where the robot is now. Refused, with the reason, when infeasible."""
+        return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm), timeout_s)
+
+    def get_plan(self, plan: str) -> PlanPreview:
+        """A plan by its id, and whether it is still fresh."""
+        return self.call(GetPlan(id=plan))
+
+    def execute_plan(self, plan: str, segments: Sequence[str] = ()) -> None:
+        """Run a plan's segments (all, or those named). Refused when it is stale, with the reason."""
+        self.call(ExecutePlan(id=plan, segments=list(segments)))
+
+    # ---------------------------------------------------------------------------------------------------------- programs
+
+    def library(self) -> Library:
+        """Programs and templates that are there, and what is wrong with those that can't be used."""
+        return self.call(ListLibrary())
+
+    def deploy(
+        self, program: str, bindings: Mapping[str, str] | None = None, parameters: Mapping[str, Any] | None = None
+    ) -> Deployment:
+        """Check a program whole and bind its resources, e.g. {"arm": "right", "valve": "wheel_1"}."""
+        return self.call(Deploy(program=program, bindings=dict(bindings or {}), parameters=dict(parameters or {})))
+
+    def run(self, deployment: Deployment | str) -> RunState:
+        """Start what was deployed."""
+        return self.call(Run(deployment=deployment if isinstance(deployment, str) else deployment.id))
+
+    def pause_run(self) -> None:
+        """Pause the running program: the motion really stops."""
+        self.call(PauseRun())
+
+    def resume_run(self) -> None:
+        """Go on."""
+        self.call(ResumeRun())
+
+    def stop_run(self) -> None:
+        """End the running program: its motion is cancelled, the robot holds."""
+        self.call(StopRun())
+
+    def answer(self, prompt: str, answer: str, by: str = "operator") -> None:
+        """Answer a prompt by its id. Refused when it was already answered."""
+        self.call(AnswerPrompt(id=prompt, answer=answer, by=by))
+
+    def snapshot(self) -> EngineSnapshot:
+        """Everything that a late client needs: instances, plans, the run, open prompts."""
+        return self.call(GetEngine())
+
+    # ------------------------------------------------------------------------------------------------------------ events
+
+    def events(self, *kinds: type, timeout_s: float = 5.0) -> Events:
+        """A stream of the given types of events: RobotState, DaemonStatus, RunState, Prompt ..., and `Live` among them, if wanted.
+
+        Returns when the robot's side has confirmed the stream, so that nothing that happens afterwards is missed, or after
+        `timeout_s` (0: at once) without: then it begins, with `Live`, as soon as the gate is there.
+        """
+        events = self._session.listen(kinds)
+        if timeout_s > 0:
+            events.wait_live(timeout_s)
+        return events
+
+    def on(self, kinds: type | tuple[type, ...], react: Callable[[Any], None], *, timeout_s: float = 5.0) -> Events:
+        """Call `react(event)` for each event until the stream is closed, in a thread of its own (so it may make calls).
+
+        What it raises is logged, and the stream goes on.
+        """
+        events = self.events(*(kinds if isinstance(kinds, tuple) else (kinds,)), timeout_s=timeout_s)
+        threading.Thread(target=_react, args=(events, react), name="handrail-events", daemon=True).start()
+        return events
+
+
+def _react(events: Events, react: Callable[[Any], None]) -> None:
+    for event in events:
+        try:
+            react(event)
+        except Exception:
+            logger.exception("a reaction to %s failed; the stream goes on", type(event).__name__)

@@ -1,0 +1,305 @@
+"""The robot's only door to the outside: known keys only, typed calls in, events out.
+
+A ROUTER takes calls on one TCP port and an XPUB gives events on the next, both under CURVE with ZAP: a client whose public key
+is not in the allowed folder never gets as far as a message. Each call is read strictly (`handrail.link.codec`) and passed on by
+its type to the daemon or the engine, each with its own time to answer; an operator stop goes straight to the daemon loop's stop
+socket. Events leave as their spec says: reliable ones in order, of latest-value streams only the newest, at most 60 times a
+second. Nothing here keeps state that matters: daemon, engine and gate may each die and come back.
+
+    python -m handrail.link.gate --runtime DIR [--port 47800] [--bind 127.0.0.1]
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import signal
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+import zmq
+import zmq.asyncio
+from zmq.auth.asyncio import AsyncioAuthenticator
+from zmq.utils import z85
+
+from handrail.link import codec, keys
+from handrail.link.backend import Backend, Gone
+from handrail.link.streams import LatestValues
+from handrail.messages import Ok, Refused, Stop, spec
+from handrail.runtime import Runtime
+from handrail.stop import NoAnswer, stop_now
+
+_log = logging.getLogger("handrail.link")
+
+_IN_FLIGHT = 32
+"""calls that one connection may have open at once"""
+_WINDOW_S = 1 / 60
+"""latest-value events that come within this time leave together"""
+_DAEMON_SILENT_S = 2.0
+"""the daemon's last values are not handed to late clients once it has been silent for this long"""
+_FRAMES_OF_A_CALL = 3
+"""identity, number, payload"""
+_CURVE_KEY_BYTES = 32
+_DOMAIN = "handrail"
+
+
+class PortTaken(Exception):
+    """Something else listens where the gate should."""
+
+
+class _AllowedClients(AsyncioAuthenticator):
+    """ZAP: lets in the clients whose keys are in the folder now, under the names of their files."""
+
+    def __init__(self, context: zmq.asyncio.Context, gate_keys: keys.GateKeys):
+        # The authenticator's own log tells of each handshake at debug level only; ours names the client.
+        super().__init__(context)
+        self._keys = gate_keys
+        self.configure_curve_callback(_DOMAIN, self)
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        name = self._keys.name_of(key)
+        if name is None:
+            _log.warning("an unknown key was turned away: %s", key.decode("ascii", "replace"))
+        return name is not None
+
+    def curve_user_id(self, client_public_key: bytes) -> str:
+        if len(client_public_key) != _CURVE_KEY_BYTES:
+            return "unknown"
+        return self._keys.name_of(z85.encode(client_public_key)) or "unknown"
+
+
+class Gate:
+    """Forwards calls and events between clients and the local processes of one robot."""
+
+    def __init__(self, runtime: Runtime, gate_keys: keys.GateKeys, *, bind: str = "127.0.0.1", port: int = 47800):
+        """`bind`: the address to listen on (``*``: every interface); events go out on `port` + 1. Raises PortTaken."""
+        self._runtime = runtime
+        self._context = zmq.asyncio.Context()
+        self._authenticator = _AllowedClients(self._context, gate_keys)
+        self._calls = self._curve_socket(zmq.ROUTER, gate_keys)
+        self._calls.setsockopt(zmq.MAXMSGSIZE, codec.LARGEST_CALL + 1024)
+        self._events_out = self._curve_socket(zmq.XPUB, gate_keys)
+        self._events_out.setsockopt(zmq.XPUB_VERBOSE, 1)
+        self._events_out.setsockopt(zmq.SNDHWM, 10_000)
+        self._events_out.setsockopt(zmq.MAXMSGSIZE, 1024)
+        self._endpoints = [(self._calls, f"tcp://{bind}:{port}"), (self._events_out, f"tcp://{bind}:{port + 1}")]
+        self._daemon = Backend(self._context, runtime.endpoint("daemon.call"), "daemon")
+        self._engine = Backend(self._context, runtime.endpoint("engine.call"), "engine")
+        self._unpacker = codec.Unpacker(codec.REMOTE_CALL, codec.LARGEST_CALL)
+        self._packer = codec.Packer()
+        self._encoder = msgspec.msgpack.Encoder()
+        self._latest = LatestValues(_DAEMON_SILENT_S)
+        self._in_flight: dict[bytes, int] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def _curve_socket(self, kind: int, gate_keys: keys.GateKeys) -> zmq.asyncio.Socket:
+        socket = self._context.socket(kind)
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.setsockopt(zmq.CURVE_SERVER, 1)
+        socket.setsockopt(zmq.CURVE_PUBLICKEY, gate_keys.public)
+        socket.setsockopt(zmq.CURVE_SECRETKEY, gate_keys.secret)
+        socket.setsockopt(zmq.ZAP_DOMAIN, _DOMAIN.encode())
+        socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)
+        socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 5000)
+        return socket
+
+    async def serve(self, until: asyncio.Event, ready: asyncio.Event | None = None) -> None:
+        """Serve until told otherwise. Raises PortTaken."""
+        # The authenticator first: a socket that is bound without one would let everybody in.
+        self._authenticator.start()
+        try:
+            for socket, endpoint in self._endpoints:
+                try:
+                    socket.bind(endpoint)
+                except zmq.ZMQError as error:
+                    raise PortTaken(
+                        f"{endpoint}: can't listen there: {error}; is another robot up? choose --port"
+                    ) from error
+            work = [
+                asyncio.create_task(self._take_calls()),
+                asyncio.create_task(self._take_events()),
+                asyncio.create_task(self._take_subscriptions()),
+                asyncio.create_task(self._send_latest()),
+            ]
+            if ready:
+                ready.set()
+            finished = asyncio.create_task(until.wait())
+            done, _ = await asyncio.wait({*work, finished}, return_when=asyncio.FIRST_COMPLETED)
+            for task in (*work, finished, *self._tasks):
+                task.cancel()
+            for task in done:
+                if task is not finished:
+                    task.result()
+        finally:
+            self._authenticator.stop()
+            self._daemon.close()
+            self._engine.close()
+            self._context.destroy(linger=0)
+
+    # ------------------------------------------------------------------------------------------------------------- calls
+
+    async def _take_calls(self) -> None:
+        while True:
+            frames = await self._calls.recv_multipart(copy=False)
+            if len(frames) != _FRAMES_OF_A_CALL or len(frames[1].bytes) != 8:
+                continue  # not even the number to answer to
+            identity, number, payload = (frame.bytes for frame in frames)
+            try:
+                message = self._unpacker.unpack(payload)
+                codec.check_plain(message)
+            except codec.Malformed as problem:
+                await self._answer(
+                    identity,
+                    number,
+                    Refused(
+                        message=f"not a call that the link takes: {problem}",
+                        field=problem.where,
+                        value=problem.value,
+                        expected=problem.expected,
+                    ),
+                )
+                continue
+            if not isinstance(message, Stop) and self._in_flight.get(identity, 0) >= _IN_FLIGHT:
+                await self._answer(
+                    identity, number, Refused(message=f"{_IN_FLIGHT} calls of this client are open already")
+                )
+                continue
+            self._in_flight[identity] = self._in_flight.get(identity, 0) + 1
+            task = asyncio.create_task(self._carry_out(identity, number, message, _user(frames[-1])))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _carry_out(self, identity: bytes, number: bytes, message: Any, user: str) -> None:
+        try:
+            if isinstance(message, Stop):
+                await self._answer(identity, number, await self._stop(message, user))
+                return
+            backend = self._daemon if isinstance(message, codec.DAEMON_CALLS) else self._engine
+            try:
+                answer = await backend.call(self._encoder.encode(message), codec.timeout_s(type(message)))
+            except Gone as problem:
+                await self._answer(identity, number, codec.NoAnswer(message=f"{type(message).__name__}: {problem}"))
+            else:
+                await self._calls.send_multipart((identity, number, self._packer.pack_encoded(answer)))
+        finally:
+            self._in_flight[identity] -= 1
+            if not self._in_flight[identity]:
+                del self._in_flight[identity]
+
+    async def _stop(self, message: Stop, user: str) -> Any:
+        reason = message.reason or f"stopped by {user}"
+        _log.warning("STOP from %s: %s", user, reason)
+        try:
+            # In a thread: it waits for the loop's answer, and other clients' calls go on meanwhile.
+            answer = await asyncio.to_thread(stop_now, self._runtime, reason, codec.timeout_s(Stop))
+        except NoAnswer as problem:
+            _log.error("STOP: %s", problem)
+            return codec.NoAnswer(message=f"Stop: {problem}")
+        if not answer.startswith("stopped"):
+            return codec.NoAnswer(message=f"Stop: the loop answered {answer!r}, expected 'stopped'")
+        return Ok()
+
+    async def _answer(self, identity: bytes, number: bytes, message: msgspec.Struct) -> None:
+        await self._calls.send_multipart((identity, number, self._packer.pack(message)))
+
+    # ------------------------------------------------------------------------------------------------------------ events
+
+    async def _take_events(self) -> None:
+        events = self._context.socket(zmq.SUB)
+        events.setsockopt(zmq.LINGER, 0)
+        events.setsockopt(zmq.RCVHWM, 10_000)
+        events.setsockopt(zmq.RECONNECT_IVL, 50)
+        for wanted in codec.REMOTE_EVENTS:
+            events.subscribe(wanted)
+        for endpoint in ("daemon.events", "engine.events"):
+            events.connect(self._runtime.endpoint(endpoint))
+        clock = asyncio.get_running_loop().time
+        while True:
+            name, encoded = await events.recv_multipart()
+            kind = codec.REMOTE_EVENTS.get(name.decode("ascii", "replace"))
+            if kind is None:
+                continue
+            if spec(kind).reliable:
+                # What was true before it leaves before it.
+                await self._flush()
+                await self._publish(name, encoded)
+            else:
+                try:
+                    self._latest.put(kind, encoded, clock())
+                except msgspec.DecodeError as problem:
+                    _log.error("an event that is no %s came from inside: %s", name.decode(), problem)
+
+    async def _send_latest(self) -> None:
+        while True:
+            await self._latest.wait()
+            await self._flush()
+            await asyncio.sleep(_WINDOW_S)
+
+    async def _flush(self) -> None:
+        for name, encoded in self._latest.take():
+            await self._publish(name, encoded)
+
+    async def _publish(self, name: bytes, encoded: bytes) -> None:
+        await self._events_out.send_multipart((name, self._packer.pack_encoded(encoded)))
+
+    async def _take_subscriptions(self) -> None:
+        clock = asyncio.get_running_loop().time
+        while True:
+            message = await self._events_out.recv()
+            if message[:1] != b"\x01":
+                continue
+            topic = message[1:]
+            if topic.startswith(codec.SYNC):
+                await self._events_out.send_multipart((topic, b""))
+            elif (encoded := self._latest.last(topic, clock())) is not None:
+                await self._publish(topic, encoded)
+
+
+def _user(frame: zmq.Frame) -> str:
+    """The name of the key that the frame's connection was authenticated with."""
+    try:
+        return str(frame.get("User-Id"))
+    except zmq.ZMQError:
+        return "unknown"
+
+
+def gate(
+    runtime: Annotated[Path | None, typer.Option(help="Folder where the robot's processes meet.")] = None,
+    port: Annotated[int, typer.Option(help="TCP port for calls; events go out on the next one.")] = 47800,
+    bind: Annotated[str, typer.Option(help="Address to listen on; '*' for every interface.")] = "127.0.0.1",
+    keys_folder: Annotated[Path | None, typer.Option("--keys", help="Folder of keys (default: this user's).")] = None,
+) -> None:
+    """The robot's door to the outside: authenticated calls in, events out."""
+    logging.basicConfig(level=logging.INFO, format="link: %(message)s")
+    try:
+        asyncio.run(_main(Runtime.at(runtime), keys.for_gate(keys_folder), bind, port))
+    except (keys.KeysError, PortTaken, ValueError) as problem:
+        typer.echo(f"link: {problem}", err=True)
+        raise typer.Exit(1) from problem
+
+
+async def _main(runtime: Runtime, gate_keys: keys.GateKeys, bind: str, port: int) -> None:
+    until, ready = asyncio.Event(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, until.set)
+    serving = asyncio.create_task(Gate(runtime, gate_keys, bind=bind, port=port).serve(until, ready))
+    announced = asyncio.create_task(ready.wait())
+    await asyncio.wait({serving, announced}, return_when=asyncio.FIRST_COMPLETED)
+    if ready.is_set():
+        print("link ready", flush=True)
+    announced.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await serving
+
+
+def main() -> None:
+    """Entry point of ``python -m handrail.link.gate``."""
+    typer.run(gate)
+
+
+if __name__ == "__main__":
+    main()

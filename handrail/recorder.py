@@ -1,0 +1,277 @@
+"""Recordings: everything that the robot says, as an MCAP file that Foxglove opens.
+
+    python -m handrail.recorder --runtime DIR --out FILE.mcap
+
+A process of its own that listens to the local topics. Joints, transforms and logs are written as Foxglove's well-known types, the
+rest as our messages; all are JSON with schemas. Time in the file is the robot's clock, set off so that the recording begins at the
+hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C) finishes the file.
+
+| topic | schema | |
+| --- | --- | --- |
+| /joint_states, /joint_commands | foxglove.JointStates | measured rad, rad/s, N·m; commanded rad; every RobotState (100 Hz) |
+| /tf | foxglove.FrameTransforms | moving links, tools and template instances in base_link, 25 Hz |
+| /tool/ARM | foxglove.PoseInFrame | the tool's contact point, 25 Hz |
+| /daemon_status, /action, /run_state, /instance, /plan, /prompt, /prompt_closed | handrail.* | as they come |
+| /can/CHANNEL | handrail.BusStatistics | with each DaemonStatus |
+| /log | foxglove.Log | as they come |
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+import time
+from pathlib import Path
+from typing import IO, Annotated, Any
+
+import msgspec
+import numpy as np
+import typer
+import zmq
+from mcap.writer import CompressionType, Writer
+
+from handrail import foxglove
+from handrail.config import ConfigError
+from handrail.messages import (
+    ActionEvent,
+    DaemonEvent,
+    DaemonStatus,
+    EngineEvent,
+    GetRobot,
+    InstanceState,
+    LogLine,
+    PlanPreview,
+    Pose,
+    Prompt,
+    PromptClosed,
+    RobotInfo,
+    RobotState,
+    RunState,
+)
+from handrail.runtime import Runtime
+from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
+
+TRANSFORM_PERIOD_NS = 40_000_000
+WORLD = "base_link"
+
+_AS_THEY_COME: dict[type, str] = {
+    DaemonStatus: "/daemon_status",
+    ActionEvent: "/action",
+    RunState: "/run_state",
+    InstanceState: "/instance",
+    PlanPreview: "/plan",
+    Prompt: "/prompt",
+    PromptClosed: "/prompt_closed",
+}
+_BACKWARDS_NS = 1_000_000_000
+
+
+class FileClock:
+    """The robot's clock, set off so that the recording begins at `start_ns` (ns since 1970)."""
+
+    def __init__(self, start_ns: int):
+        self._now = start_ns
+        self._offset: int | None = None
+
+    def stamp(self, time_ns: int) -> int:
+        """Time in the file of something at `time_ns` of the robot's clock; 0 or less: now."""
+        if time_ns <= 0:
+            return self._now
+        if self._offset is None or time_ns + self._offset < self._now - _BACKWARDS_NS:
+            self._offset = self._now - time_ns  # the first time, or the robot's clock began anew
+        stamp = time_ns + self._offset
+        self._now = max(self._now, stamp)
+        return stamp
+
+
+class Recording:
+    """An MCAP file being written. `finish` it, or the file has no index."""
+
+    def __init__(self, stream: IO[bytes], start_ns: int):
+        self._writer = Writer(stream, compression=CompressionType.ZSTD)
+        self._writer.start(profile="", library="handrail")
+        self._encoder = msgspec.json.Encoder()
+        self._schemas: dict[type, int] = {}
+        self._channels: dict[str, int] = {}
+        self._clock = FileClock(start_ns)
+        self._robot: RobotInfo | None = None
+        self._links: Links | None = None
+        self._instances: dict[str, InstanceState] = {}
+        self._next_transforms = 0
+        self.counts: dict[str, int] = {}
+        """messages written, by topic"""
+
+    def describe(self, robot: RobotInfo, links: Links | None) -> None:
+        """What states mean from here on: joint names, and (with `links`) where the links are."""
+        if self._robot is None:
+            facts = {"name": robot.name, "joints": " ".join(robot.joints), "period_ns": str(robot.period_ns)}
+            self._writer.add_metadata("robot", facts)
+        self._robot, self._links = robot, links
+
+    def take(self, message: Any) -> None:
+        """Write a message in all the forms that the table above says."""
+        match message:
+            case RobotState():
+                self._state(message)
+            case LogLine():
+                stamp = self._clock.stamp(message.time_ns)
+                level = foxglove.LOG_LEVEL[message.level]
+                self._write("/log", foxglove.Log(foxglove.time(stamp), level, message.text, message.source), stamp)
+            case _:
+                stamp = self._clock.stamp(getattr(message, "time_ns", 0))
+                self._write(_AS_THEY_COME[type(message)], message, stamp)
+                if isinstance(message, DaemonStatus):
+                    for bus in message.buses:
+                        self._write(f"/can/{bus.channel}", bus, stamp)
+                elif isinstance(message, InstanceState):
+                    self._instances[message.name] = message
+                    if message.removed:
+                        del self._instances[message.name]
+
+    def finish(self) -> None:
+        """Write what is buffered and the index."""
+        self._writer.finish()
+
+    def _state(self, state: RobotState) -> None:
+        stamp = self._clock.stamp(state.time_ns)
+        if self._robot is None:
+            return  # whose joints these are is not known yet
+        names = self._robot.joints
+        self._write(
+            "/joint_states", foxglove.joint_states(stamp, names, state.position, state.velocity, state.torque), stamp
+        )
+        self._write("/joint_commands", foxglove.joint_states(stamp, names, state.command), stamp)
+        if not 0 < self._next_transforms - stamp <= TRANSFORM_PERIOD_NS:
+            self._next_transforms = stamp + TRANSFORM_PERIOD_NS
+            self._transforms(state, stamp)
+
+    def _transforms(self, state: RobotState, stamp: int) -> None:
+        transforms = [
+            foxglove.transform(stamp, WORLD, instance.name, instance.pose_in_world)
+            for instance in self._instances.values()
+        ]
+        if self._links is not None:
+            poses, tips = self._links.poses(state.position)
+            transforms += [foxglove.transform(stamp, WORLD, name, pose) for name, pose in poses.items()]
+            for arm, pose in tips.items():
+                tip = foxglove.PoseInFrame(foxglove.time(stamp), WORLD, foxglove.pose_value(pose))
+                self._write(f"/tool/{arm}", tip, stamp)
+        if transforms:
+            self._write("/tf", foxglove.FrameTransforms(transforms), stamp)
+
+    def _write(self, topic: str, message: Any, stamp: int) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._writer.register_channel(topic, "json", self._schema(type(message)))
+            self._channels[topic] = channel
+        self.counts[topic] = self.counts.get(topic, 0) + 1
+        self._writer.add_message(channel, stamp, self._encoder.encode(message), stamp, self.counts[topic])
+
+    def _schema(self, kind: type) -> int:
+        if kind not in self._schemas:
+            text = msgspec.json.encode(foxglove.schema(kind))
+            self._schemas[kind] = self._writer.register_schema(foxglove.schema_name(kind), "jsonschema", text)
+        return self._schemas[kind]
+
+
+class Links:
+    """Where the robot's moving links, its tools and their contact points are. Needs pinocchio. Raises ConfigError."""
+
+    def __init__(self, robot: str):
+        from handrail.robot import description
+        from handrail.robot.kinematics import Kinematics
+
+        loaded = description.load(robot)
+        self._kinematics = Kinematics(loaded)
+        self._tips = {name: arm.tip for name, arm in loaded.arms.items()}
+        # One frame a joint is enough to see the robot move: its child link's, of the same name as in the URDF.
+        model = self._kinematics.model
+        moved = {model.getJointId(joint) for joint in loaded.joints}
+        self._frames: dict[str, int] = {}
+        for index, frame in enumerate(model.frames):
+            if str(frame.type) == "BODY" and frame.parentJoint in moved and frame.placement.isIdentity(1e-9):
+                self._frames[frame.name] = index
+        for arm in loaded.arms.values():
+            self._frames[arm.tool] = self._kinematics.frame_id(arm.tool)
+
+    def poses(self, position: list[float]) -> tuple[dict[str, Pose], dict[str, Pose]]:
+        """(link → pose, arm → tip's pose), in the world; position (n,) rad in the description's order."""
+        import pinocchio as pin
+
+        kinematics = self._kinematics
+        pin.framesForwardKinematics(kinematics.model, kinematics.data, kinematics.configuration(np.array(position)))
+
+        def pose(index: int) -> Pose:
+            values = pin.SE3ToXYZQUAT(kinematics.data.oMf[index]).tolist()
+            return Pose(position=tuple(values[:3]), orientation=tuple(values[3:]))
+
+        tips = {arm: pose(kinematics.frame_id(tip)) for arm, tip in self._tips.items()}
+        return {name: pose(index) for name, index in self._frames.items()}, tips
+
+
+def _meet(runtime: Runtime) -> RobotInfo | None:
+    """Which robot speaks; None when its daemon does not answer."""
+    caller = Caller(runtime.endpoint("daemon.call"), timeout_s=2.0)
+    try:
+        return caller.call(GetRobot())
+    except (Unreachable, RefusedError):
+        return None
+    finally:
+        caller.close()
+
+
+def _links(robot: RobotInfo) -> Links | None:
+    try:
+        return Links(robot.name)
+    except (ConfigError, ImportError) as problem:
+        typer.echo(f"recorder: without transforms: {problem}", err=True)
+        return None
+
+
+def record(
+    out: Annotated[Path, typer.Option(help="The MCAP file to write.")],
+    runtime: Annotated[Path | None, typer.Option(help="Folder where the robot's processes meet.")] = None,
+) -> None:
+    """Record everything that the robot says, until SIGTERM or Ctrl-C."""
+    place = Runtime.at(runtime)
+    # A signal wakes the poll below through this pair; nothing else happens inside a signal's handler.
+    ended, wake = socket.socketpair()
+    wake.setblocking(False)
+    signal.set_wakeup_fd(wake.fileno())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+
+    subscriber = Subscriber(
+        [place.endpoint("daemon.events"), place.endpoint("engine.events")], DaemonEvent | EngineEvent, queue=100_000
+    )
+    poller = zmq.Poller()
+    poller.register(subscriber.socket, zmq.POLLIN)
+    poller.register(ended, zmq.POLLIN)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with out.open("wb") as stream:
+        recording = Recording(stream, time.time_ns())
+        try:
+            print("recorder ready", flush=True)
+            known = False
+            while True:
+                ready = dict(poller.poll())
+                for message in subscriber.drain():
+                    if not known and isinstance(message, RobotState) and (robot := _meet(place)):
+                        recording.describe(robot, _links(robot))
+                        known = True
+                    recording.take(message)
+                if ended.fileno() in ready:
+                    break
+        finally:
+            recording.finish()
+    total = sum(recording.counts.values())
+    typer.echo(f"recorder: {total} messages on {len(recording.counts)} topics in {out}", err=True)
+
+
+def main() -> None:
+    """Entry point of ``python -m handrail.recorder``."""
+    typer.run(record)
+
+
+if __name__ == "__main__":
+    main()

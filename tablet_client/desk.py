@@ -1,0 +1,304 @@
+"""The operator's desk: the models as QML sees them, and the buttons' way down to the session.
+
+Views are maps that QML binds to; each is rebuilt when something arrived and announced only when it differs. Codes, not sentences:
+the words, and their translations, are QML's (`qml/Words.qml`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
+
+from handrail.messages import AnswerPrompt, ClearStop, Enable, Message, PauseRun, ResumeRun, StopRun
+from tablet_client.models.arrivals import Inbox
+from tablet_client.models.prompts import lets_go
+from tablet_client.models.quantities import in_unit, quantity
+from tablet_client.models.situation import Situation
+from tablet_client.scene.stage import Stage
+from tablet_client.session import Session
+
+_FRAME = 33  # ms between two looks at what has arrived, while things arrive
+_PATIENCE = 0.3  # s that a frame may take before the next look is taken anyway
+_COMMANDS: dict[str, Callable[[], Message]] = {
+    "enable": Enable,
+    "clear_stop": ClearStop,
+    "pause": PauseRun,
+    "resume": ResumeRun,
+    "stop_run": StopRun,
+}
+_ROLES = ("clock", "level", "code", "arguments")
+_FIRST = Qt.ItemDataRole.UserRole.value
+
+
+class JournalList(QAbstractListModel):
+    """The journal's entries, oldest first."""
+
+    def __init__(self, situation: Situation):
+        super().__init__()
+        self._journal = situation.journal
+        self._shown = list(self._journal.entries)
+
+    def rowCount(self, parent: Any = QModelIndex()) -> int:  # noqa: B008, N802
+        return 0 if parent.isValid() else len(self._shown)
+
+    def roleNames(self) -> dict[int, QByteArray]:  # noqa: N802
+        return {_FIRST + number: QByteArray(name.encode()) for number, name in enumerate(_ROLES)}
+
+    def data(self, index: Any, role: int = 0) -> Any:
+        if not index.isValid() or not _FIRST <= role < _FIRST + len(_ROLES):
+            return None
+        value = getattr(self._shown[index.row()], _ROLES[role - _FIRST])
+        return list(value) if isinstance(value, tuple) else value
+
+    def refresh(self) -> None:
+        entries = self._journal.entries
+        last = self._shown[-1].number if self._shown else 0
+        new = [entry for entry in entries if entry.number > last]
+        if not new:
+            return
+        self.beginInsertRows(QModelIndex(), len(self._shown), len(self._shown) + len(new) - 1)
+        self._shown += new
+        self.endInsertRows()
+        surplus = len(self._shown) - len(entries)
+        if surplus > 0:
+            self.beginRemoveRows(QModelIndex(), 0, surplus - 1)
+            del self._shown[:surplus]
+            self.endRemoveRows()
+
+
+class Desk(QObject):
+    """Everything that QML reads and calls. Lives on the window's thread."""
+
+    headerChanged = Signal()  # noqa: N815
+    taskChanged = Signal()  # noqa: N815
+    promptChanged = Signal()  # noqa: N815
+    ghostChanged = Signal()  # noqa: N815
+    ghostTimeChanged = Signal()  # noqa: N815
+    _arrived = Signal()
+
+    def __init__(self, situation: Situation, stage: Stage, operator: str = "operator"):
+        super().__init__()
+        self.situation, self._stage, self._operator = situation, stage, operator
+        self.inbox = Inbox(self._arrived.emit)
+        self._session: Session | None = None
+        self._journal = JournalList(situation)
+        self._header: dict[str, Any] = {}
+        self._task: dict[str, Any] = {}
+        self._prompt: dict[str, Any] = {}
+        self._ghost: dict[str, Any] = {}
+        self._ghost_time = 0.0
+        self._last_look = self._frame_since = time.monotonic()
+        self._frame_out = False
+        self._look = QTimer(self, singleShot=True, interval=_FRAME)
+        self._look.timeout.connect(self.look)
+        self._arrived.connect(self._soon, Qt.ConnectionType.QueuedConnection)
+        stage.changed.connect(self._soon)
+        self._ages = QTimer(self, interval=1000)
+        self._ages.timeout.connect(self._soon)
+        self._ages.start()
+        self._build()
+
+    def serve(self, session: Session) -> None:
+        """Send the operator's calls through this session."""
+        self._session = session
+
+    # ---------------------------------------------------------------------------------------------------------- views
+
+    @Property("QVariantMap", notify=headerChanged)
+    def header(self) -> dict[str, Any]:
+        return self._header
+
+    @Property("QVariantMap", notify=taskChanged)
+    def task(self) -> dict[str, Any]:
+        return self._task
+
+    @Property("QVariantMap", notify=promptChanged)
+    def prompt(self) -> dict[str, Any]:
+        return self._prompt
+
+    @Property("QVariantMap", notify=ghostChanged)
+    def ghost(self) -> dict[str, Any]:
+        return self._ghost
+
+    @Property(float, notify=ghostTimeChanged)
+    def ghostTime(self) -> float:  # noqa: N802
+        return self._ghost_time
+
+    @Property(QObject, constant=True)
+    def journal(self) -> JournalList:
+        return self._journal
+
+    # -------------------------------------------------------------------------------------------------------- buttons
+
+    @Slot()
+    def stop(self) -> None:
+        """STOP: out on the session's own thread before this returns."""
+        if self._session is not None:
+            self._session.stop(f"{self._operator}, at the tablet")
+
+    @Slot(str)
+    def command(self, name: str) -> None:
+        """Enable, clear the stop, pause, resume or stop the run; does nothing while the button says why it can't."""
+        if not self.situation.why_not_command(name):
+            self._send(_COMMANDS[name]())
+
+    @Slot(str)
+    def answer(self, option: str) -> None:
+        """Answer the prompt that is shown."""
+        prompt = self.situation.prompts.current
+        if prompt is not None and not self.situation.why_not_answer(option):
+            self._send(AnswerPrompt(id=prompt.id, answer=option, by=self._operator))
+
+    @Slot(float)
+    def scrub(self, seconds: float) -> None:
+        self.situation.plans.scrub(seconds)
+        self._soon()
+
+    @Slot(bool)
+    def play(self, on: bool) -> None:
+        self.situation.plans.play(on)
+        self._soon()
+
+    def _send(self, call: Message) -> None:
+        if self._session is not None:
+            self.situation.sent(call)
+            self._session.send(call)
+            self._soon()
+
+    # -------------------------------------------------------------------------------------------------------- looking
+
+    @Slot()
+    def frame_swapped(self) -> None:
+        """The window has drawn what it was last given."""
+        self._frame_out = False
+
+    def _soon(self) -> None:
+        if not self._look.isActive():
+            self._look.start()
+
+    @Slot()
+    def look(self) -> None:
+        """Take what has arrived and show it, no faster than it can be drawn: a slow screen must not keep touches waiting."""
+        now = time.monotonic()
+        if self._frame_out and now - self._frame_since < _PATIENCE:
+            self._look.start()
+            return
+        for item in self.inbox.take():
+            self.situation.take(item)
+        plans = self.situation.plans
+        moved = plans.advance(min(now - self._last_look, 0.2))
+        self._last_look = now
+        self._frame_out, self._frame_since = moved, now
+        self._stage.show(self.situation)
+        self._build()
+        self._journal.refresh()
+        if plans.shown is not None and plans.playing:
+            self._look.start()
+
+    def _build(self) -> None:
+        self._announce("_header", self._build_header(), self.headerChanged)
+        self._announce("_task", self._build_task(), self.taskChanged)
+        self._announce("_prompt", self._build_prompt(), self.promptChanged)
+        self._announce("_ghost", self._build_ghost(), self.ghostChanged)
+        self._announce("_ghost_time", self.situation.plans.time, self.ghostTimeChanged)
+
+    def _announce(self, name: str, value: Any, signal: Any) -> None:
+        if getattr(self, name) != value:
+            setattr(self, name, value)
+            signal.emit()
+
+    def _build_header(self) -> dict[str, Any]:
+        link, robot = self.situation.link, self.situation.robot
+        status = robot.status
+        return {
+            "robot": robot.info.name if robot.info else "",
+            "link": link.state,
+            "linkWhy": link.why,
+            "address": link.address,
+            "tries": link.tries,
+            "lostFor": int(time.monotonic() - link.since) if link.state == "lost" else 0,
+            "engine": link.engine,
+            "engineWhy": link.engine_why,
+            "drives": robot.drives,
+            "stopReason": status.stop_reason if status else "",
+            "faulty": robot.faulty,
+            "clock": status.clock if status else "",
+            "time": robot.time_ns // 1_000_000_000,
+            "held": bool(status and status.holds),
+            "stopState": robot.stop_state,
+            "stopWhy": robot.stop_why,
+            "enableWhy": self._why("enable"),
+            "clearWhy": self._why("clear_stop"),
+            "moving": robot.moving,
+            "places": list(self.situation.world.instances),
+        }
+
+    def _why(self, command: str) -> str:
+        if _COMMANDS[command].__name__ in self.situation.pending:
+            return "sending"
+        return self.situation.why_not_command(command)
+
+    def _build_task(self) -> dict[str, Any]:
+        task = self.situation.task
+        run, progress = task.run, task.progress
+        return {
+            "status": task.status,
+            "program": run.program if run else "",
+            "hash": run.hash if run else "",
+            "detail": run.detail if run else "",
+            "active": list(run.active) if run else [],
+            "turned": progress.turned_deg if progress else -1.0,
+            "goal": progress.goal_deg if progress else 0.0,
+            "facts": [{"label": label, "text": text} for label, text in task.facts],
+            "pauseWhy": self._why("pause"),
+            "resumeWhy": self._why("resume"),
+            "stopWhy": self._why("stop_run"),
+        }
+
+    def _build_prompt(self) -> dict[str, Any]:
+        prompts, plans = self.situation.prompts, self.situation.plans
+        prompt = prompts.current
+        if prompt is None:
+            return {"open": False, "options": [], "details": []}
+        plan = plans.get(prompt.plan)
+        details = [quantity(name, value) for name, value in prompt.details.items()]
+        if plan is not None:
+            names = {label for label, _ in details}
+            extra = [quantity("clearance_m", plan.clearance), quantity("limit_margin_rad", plan.limit_margin)]
+            extra.append(("Duration", in_unit("s", plan.duration)))
+            details += [pair for pair in extra if pair[0] not in names]
+        return {
+            "open": True,
+            "id": prompt.id,
+            "text": prompt.text,
+            "severity": prompt.severity,
+            "options": [
+                {"option": option, "go": lets_go(option), "why": self.situation.why_not_answer(option)}
+                for option in prompt.options
+            ],
+            "details": [{"label": label, "text": text} for label, text in details],
+            "stale": plan is not None and not plan.fresh,
+            "because": plan.stale_because if plan is not None else "",
+            "waiting": prompts.waiting,
+            "sent": prompts.sent,
+            "refused": prompts.refused,
+        }
+
+    def _build_ghost(self) -> dict[str, Any]:
+        plans = self.situation.plans
+        plan, track = plans.shown, plans.track
+        if plan is None or track is None:
+            return {"shown": False, "marks": [], "duration": 0.0, "segment": "", "playing": False}
+        return {
+            "shown": True,
+            "label": plan.label,
+            "stale": not plan.fresh,
+            "because": plan.stale_because,
+            "duration": track.duration,
+            "playing": plans.playing,
+            "segment": track.segment(plans.time),
+            "marks": [{"name": name, "at": at} for name, at in track.marks],
+        }

@@ -1,0 +1,1 @@
+"""What the tablet knows, in plain Python: fed with messages, asked for views, tested without a screen."""

@@ -1,0 +1,208 @@
+"""All that the tablet knows, and the one place where it learns: messages, connection news and answers go in by `take`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from handrail import messages
+from handrail.messages import AnswerPrompt, Message
+from tablet_client.models import arrivals
+from tablet_client.models.journal import Journal, Level
+from tablet_client.models.link import Link
+from tablet_client.models.plans import Plans
+from tablet_client.models.prompts import Prompts, lets_go
+from tablet_client.models.robot import Robot
+from tablet_client.models.task import Task
+from tablet_client.models.world import World
+
+_RUN_LEVELS: dict[str, Level] = {"succeeded": "good", "failed": "error", "stopped": "warning", "paused": "warning"}
+# Outcomes of an action that a program expects; all others are worth the operator's eye.
+_CALM_OUTCOMES = ("done", "cancelled")
+
+
+class Situation:
+    """The models, kept consistent with one another."""
+
+    def __init__(self, address: str = "", *, clock: Callable[[], float] = time.monotonic):
+        self._clock = clock
+        self.link = Link(address)
+        self.robot = Robot()
+        self.task = Task()
+        self.prompts = Prompts()
+        self.plans = Plans()
+        self.world = World()
+        self.journal = Journal()
+        self.pending: set[str] = set()
+        """types of the calls that are on their way"""
+
+    def take(self, item: Any) -> None:
+        """Learn from one message or one piece of the session's news; what is not for the tablet is ignored."""
+        handler = _HANDLERS.get(type(item))
+        if handler is not None:
+            handler(self, item)
+
+    def sent(self, call: Message) -> None:
+        """A call leaves: the window shows it as on its way."""
+        self.pending.add(type(call).__name__)
+        if isinstance(call, AnswerPrompt):
+            self.prompts.answering(call)
+
+    def why_not_answer(self, option: str) -> str:
+        """Code of the reason why an option of the current prompt can't be chosen; empty when it can."""
+        prompt = self.prompts.current
+        if prompt is None or not self.link.attached or not self.link.engine:
+            return "no_engine"
+        if self.prompts.sent:
+            return "sending"
+        if prompt.plan and lets_go(option):
+            if why := self.plans.why_not_execute(prompt.plan):
+                return why
+            if self.robot.status is not None and self.robot.status.stopped:
+                return "stopped"
+            if self.robot.status is not None and not self.robot.status.enabled:
+                return "not_enabled"
+        return ""
+
+    def why_not_command(self, command: str) -> str:
+        """The same for `enable`, `clear_stop`, `pause`, `resume`, `stop_run`."""
+        if not self.link.attached:
+            return "no_robot"
+        if command == "enable":
+            return self.robot.why_not_enable()
+        if command == "clear_stop":
+            return self.robot.why_not_clear()
+        return self.task.why_not(command) if self.link.engine else "no_engine"
+
+    def note(self, level: Level, code: str, *arguments: str) -> None:
+        self.journal.add(time.strftime("%H:%M:%S"), level, code, *arguments)
+
+    # ----------------------------------------------------------------------------------------------------- connection
+
+    def _link_news(self, item: Any) -> None:
+        if not self.link.take(item, self._clock()):
+            return
+        if isinstance(item, arrivals.Unanswered):
+            self.pending.clear()
+            self.note("error", "detached", item.why)
+        elif isinstance(item, arrivals.EngineDetached):
+            self.note("warning", "engine_detached", item.why)
+        elif isinstance(item, arrivals.EngineAttached):
+            self.note("info", "engine_attached")
+        elif isinstance(item, arrivals.Attached):
+            self.note("good", "attached", item.info.name)
+
+    def _attached(self, item: arrivals.Attached) -> None:
+        self.robot.attach(item.info, item.status)
+        self._link_news(item)
+
+    def _engine_attached(self, item: arrivals.EngineAttached) -> None:
+        snapshot = item.snapshot
+        self.world.replace(snapshot.instances)
+        self.plans.replace(snapshot.plans)
+        self.task.take(snapshot.run)
+        self.prompts.replace(snapshot.prompts)
+        self._attend()
+        self._link_news(item)
+
+    def _call_done(self, item: arrivals.CallDone) -> None:
+        self.pending.discard(type(item.call).__name__)
+        if isinstance(item.answer, messages.PlanPreview):
+            self.plans.take(item.answer)
+        elif isinstance(item.answer, messages.RunState):
+            self.task.take(item.answer)
+
+    def _call_failed(self, item: arrivals.CallFailed) -> None:
+        name = type(item.call).__name__
+        self.pending.discard(name)
+        if isinstance(item.call, AnswerPrompt):
+            self.prompts.failed(item.call, item.why)
+        self.note("warning" if item.refused else "error", "refused" if item.refused else "unanswered", name, item.why)
+
+    def _stop_progress(self, item: arrivals.StopProgress) -> None:
+        if item.state != self.robot.stop_state:
+            level: Level = "error" if item.state == "failed" else "warning"
+            self.note(level, f"stop_{item.state}", item.why)
+        self.robot.take_stop(item)
+
+    # --------------------------------------------------------------------------------------------------------- daemon
+
+    def _robot_state(self, state: messages.RobotState) -> None:
+        self.robot.state = state
+
+    def _daemon_status(self, status: messages.DaemonStatus) -> None:
+        before, moved = self.robot.drives, self.robot.moving
+        self.robot.take_status(status)
+        after = self.robot.drives
+        if after != before and before != "unknown":
+            level: Level = {"enabled": "good", "disabled": "info"}.get(after, "error")  # type: ignore[assignment]
+            self.note(level, f"drives_{after}", status.stop_reason or ", ".join(self.robot.faulty))
+        if self.robot.moving and not moved:
+            self.plans.motion_began()
+
+    def _action(self, event: messages.ActionEvent) -> None:
+        moved = self.robot.moving
+        self.robot.take_action(event)
+        if self.robot.moving and not moved:
+            self.plans.motion_began()
+        if event.state == "ended":
+            calm = event.outcome in _CALM_OUTCOMES
+            self.note("info" if calm else "warning", "action_ended", event.id, event.outcome, event.detail)
+
+    # --------------------------------------------------------------------------------------------------------- engine
+
+    def _run(self, run: messages.RunState) -> None:
+        before = self.task.run
+        self.task.take(run)
+        if before is None or before.run != run.run or before.status != run.status:
+            self.note(_RUN_LEVELS.get(run.status, "info"), f"run_{run.status}", run.program, run.detail)
+        elif run.active and run.active != before.active:
+            self.note("info", "state", run.active[-1])
+
+    def _prompt(self, prompt: messages.Prompt) -> None:
+        if prompt.id not in self.prompts:
+            self.note("warning" if prompt.severity == "warning" else "info", "prompt", prompt.text)
+        self.prompts.take(prompt)
+        self._attend()
+
+    def _prompt_closed(self, closed: messages.PromptClosed) -> None:
+        if self.prompts.close(closed) is not None:
+            self.note("info", "answered" if closed.answer else "withdrawn", closed.answer, closed.by)
+        self._attend()
+
+    def _plan(self, plan: messages.PlanPreview) -> None:
+        before = self.plans.get(plan.id)
+        self.plans.take(plan)
+        if not plan.fresh and (before is None or before.fresh) and self.plans.shown is plan:
+            self.note("warning", "plan_stale", plan.label, plan.stale_because)
+
+    def _instance(self, state: messages.InstanceState) -> None:
+        self.world.take(state)
+
+    def _log(self, line: messages.LogLine) -> None:
+        self.note(line.level, "log", line.text, line.source)
+
+    def _attend(self) -> None:
+        current = self.prompts.current
+        self.plans.attend(current.plan if current else "")
+
+
+_HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
+    arrivals.Attached: Situation._attached,
+    arrivals.Unanswered: Situation._link_news,
+    arrivals.EngineAttached: Situation._engine_attached,
+    arrivals.EngineDetached: Situation._link_news,
+    arrivals.CallDone: Situation._call_done,
+    arrivals.CallFailed: Situation._call_failed,
+    arrivals.StopProgress: Situation._stop_progress,
+    messages.RobotState: Situation._robot_state,
+    messages.DaemonStatus: Situation._daemon_status,
+    messages.ActionEvent: Situation._action,
+    messages.RunState: Situation._run,
+    messages.Prompt: Situation._prompt,
+    messages.PromptClosed: Situation._prompt_closed,
+    messages.PlanPreview: Situation._plan,
+    messages.InstanceState: Situation._instance,
+    messages.LogLine: Situation._log,
+}

@@ -1,0 +1,62 @@
+import QtQuick
+import QtQuick.Controls.Basic
+import Handrail
+
+// A button for a finger. When it can't be used it says why, on itself. Enter presses it (Space is STOP everywhere).
+AbstractButton {
+    id: button
+
+    property string why: "" // why it can't be pressed; empty when it can
+    property string tone: "plain" // plain, primary, danger
+    property bool big: false
+
+    readonly property color _fill: !enabled ? "transparent"
+        : tone === "primary" ? (down ? Qt.darker(Theme.accentDeep, 1.25) : Theme.accentDeep)
+        : tone === "danger" ? (down ? "#5a1c1a" : "#43191a")
+        : down || checked ? Theme.pressed : Theme.raised
+
+    enabled: why === ""
+    implicitHeight: big ? Math.round(64 * Theme.scale) : Theme.touch
+    implicitWidth: Math.max(implicitHeight, content.implicitWidth + 2 * Theme.gap)
+    focusPolicy: Qt.StrongFocus
+
+    Accessible.role: Accessible.Button
+    Accessible.name: text
+    Accessible.description: why
+
+    Keys.onReturnPressed: click()
+    Keys.onEnterPressed: click()
+
+    background: Rectangle {
+        radius: Theme.radius
+        color: button._fill
+        border.width: button.visualFocus ? 2 : 1
+        border.color: button.visualFocus ? Theme.accent
+            : !button.enabled ? Theme.line
+            : button.tone === "primary" ? Theme.accent
+            : button.tone === "danger" ? "#8d3431" : Theme.line
+    }
+
+    contentItem: Item {
+        Column {
+            id: content
+            anchors.centerIn: parent
+            Text {
+                anchors.horizontalCenter: parent.horizontalCenter
+                text: button.text
+                color: button.enabled ? (button.tone === "danger" ? "#ff9a93" : Theme.text) : Theme.faint
+                font.pixelSize: button.big ? Theme.large : Theme.body
+                font.weight: button.tone === "plain" ? Font.Medium : Font.DemiBold
+            }
+            Text {
+                anchors.horizontalCenter: parent.horizontalCenter
+                visible: button.why !== ""
+                text: button.why
+                color: Theme.faint
+                font.pixelSize: Math.round(11.5 * Theme.scale)
+                width: Math.min(implicitWidth, button.width - Theme.tight)
+                elide: Text.ElideRight
+            }
+        }
+    }
+}

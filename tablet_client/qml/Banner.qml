@@ -1,0 +1,42 @@
+import QtQuick
+import Handrail
+
+// What must not be overlooked, across the window: stopped, stop not confirmed, connection lost, drives in fault.
+Rectangle {
+    id: banner
+
+    readonly property var view: desk.header
+    readonly property string message:
+        view.stopState === "failed"
+            ? qsTr("STOP was not confirmed (%1). Use the hardware's emergency stop, or run “handrail stop” on the robot's computer.").arg(view.stopWhy)
+        : view.stopState === "sending" && view.drives !== "stopped"
+            ? qsTr("STOP is being sent …")
+        : view.link === "lost"
+            ? qsTr("Connection lost: what is shown is old. The robot goes on as programmed; “handrail stop” on its computer still works.")
+        : view.drives === "stopped"
+            ? qsTr("Stopped%1. Nothing moves until the stop is cleared and the drives are enabled.").arg(view.stopReason ? " (" + view.stopReason + ")" : "")
+        : view.drives === "fault"
+            ? qsTr("Drive fault: %1. Enable resets it when its cause is gone.").arg(view.faulty.join(", "))
+        : view.drives === "quick_stop"
+            ? qsTr("The drives stopped by themselves: no commands reached them. Enable them to go on.")
+        : ""
+
+    objectName: "banner"
+    visible: message !== ""
+    height: visible ? Math.max(Math.round(44 * Theme.scale), text.implicitHeight + 2 * Theme.tight) : 0
+    color: "#3a1315"
+    Accessible.role: Accessible.AlertMessage
+    Accessible.name: message
+
+    Rectangle { width: Math.round(6 * Theme.scale); height: parent.height; color: Theme.danger }
+    Text {
+        id: text
+        anchors { verticalCenter: parent.verticalCenter; left: parent.left; right: parent.right
+                  leftMargin: Math.round(20 * Theme.scale); rightMargin: Theme.gap }
+        text: banner.message
+        color: "#ffd5d2"
+        font.pixelSize: Theme.body
+        font.weight: Font.Medium
+        wrapMode: Text.Wrap
+    }
+}

@@ -1,0 +1,144 @@
+import QtQuick
+import QtQuick.Controls.Basic
+import QtQuick.Layouts
+import Handrail
+
+// The plan's time line: play the ghost, or put it anywhere along the plan.
+Rectangle {
+    id: bar
+
+    readonly property var view: desk.ghost
+    readonly property color tone: view.stale ? Theme.danger : Theme.accent
+
+    objectName: "ghostBar"
+    visible: view.shown
+    implicitHeight: column.implicitHeight + 2 * Theme.tight
+    radius: Theme.radius
+    color: "#e6141a20"
+    border.color: view.stale ? Theme.danger : Theme.line
+
+    ColumnLayout {
+        id: column
+        anchors { left: parent.left; right: parent.right; top: parent.top; margins: Theme.tight
+                  leftMargin: Theme.gap; rightMargin: Theme.gap }
+        spacing: 0
+
+        Text {
+            Layout.fillWidth: true
+            Layout.topMargin: Math.round(3 * Theme.scale)
+            objectName: "ghostReason"
+            visible: bar.view.stale === true
+            text: qsTr("Stale plan: %1").arg(bar.view.because || "")
+            color: "#ffaaa4"
+            font.pixelSize: Theme.small
+            elide: Text.ElideRight
+        }
+        RowLayout {
+            Layout.fillWidth: true
+            spacing: Theme.gap
+
+            AbstractButton {
+                id: playButton
+                objectName: "playGhost"
+                implicitWidth: Theme.touch
+                implicitHeight: Theme.touch
+                focusPolicy: Qt.StrongFocus
+                Accessible.role: Accessible.Button
+                Accessible.name: bar.view.playing ? qsTr("Pause the ghost") : qsTr("Play the ghost")
+                onClicked: desk.play(!bar.view.playing)
+                Keys.onReturnPressed: click()
+                Keys.onEnterPressed: click()
+                background: Rectangle {
+                    radius: height / 2
+                    color: playButton.down ? Theme.pressed : Theme.raised
+                    border { width: playButton.visualFocus ? 2 : 1; color: playButton.visualFocus ? Theme.accent : Theme.line }
+                }
+                contentItem: Item {
+                    Row {
+                        anchors.centerIn: parent
+                        visible: bar.view.playing
+                        spacing: Math.round(5 * Theme.scale)
+                        Repeater { model: 2; Rectangle { width: Math.round(5 * Theme.scale); height: Math.round(17 * Theme.scale); radius: 1; color: Theme.text } }
+                    }
+                    Canvas {
+                        anchors.centerIn: parent
+                        anchors.horizontalCenterOffset: 2
+                        visible: !bar.view.playing
+                        width: Math.round(16 * Theme.scale); height: Math.round(18 * Theme.scale)
+                        onPaint: {
+                            const c = getContext("2d")
+                            c.reset()
+                            c.fillStyle = Theme.text
+                            c.moveTo(0, 0); c.lineTo(width, height / 2); c.lineTo(0, height); c.closePath(); c.fill()
+                        }
+                    }
+                }
+            }
+            Column {
+                Layout.preferredWidth: Math.round(112 * Theme.scale)
+                Text {
+                    width: parent.width
+                    text: bar.view.label || qsTr("Plan")
+                    color: Theme.text; font.pixelSize: Theme.small; font.weight: Font.DemiBold; elide: Text.ElideRight
+                }
+                Text {
+                    objectName: "ghostSegment"
+                    width: parent.width
+                    text: Words.name(bar.view.segment)
+                    color: bar.tone; font.pixelSize: Theme.small; elide: Text.ElideRight
+                }
+            }
+            Slider {
+                id: slider
+                objectName: "scrub"
+                Layout.fillWidth: true
+                implicitHeight: Theme.touch
+                from: 0
+                to: Math.max(bar.view.duration, 0.001)
+                stepSize: 0
+                onMoved: desk.scrub(value)
+                Accessible.role: Accessible.Slider
+                Accessible.name: qsTr("Position along the plan")
+                Binding on value { value: desk.ghostTime; when: !slider.pressed }
+                Keys.onLeftPressed: desk.scrub(slider.value - 0.1)
+                Keys.onRightPressed: desk.scrub(slider.value + 0.1)
+
+                background: Rectangle {
+                    x: slider.leftPadding
+                    y: slider.topPadding + slider.availableHeight / 2 - height / 2
+                    width: slider.availableWidth
+                    height: Math.round(6 * Theme.scale)
+                    radius: height / 2
+                    color: Theme.pressed
+                    Rectangle { width: slider.visualPosition * parent.width; height: parent.height; radius: height / 2; color: bar.tone }
+                    Repeater {
+                        model: bar.view.marks
+                        Rectangle {
+                            required property var modelData
+                            visible: modelData.at > 0
+                            x: modelData.at / slider.to * parent.width
+                            anchors.verticalCenter: parent.verticalCenter
+                            width: 2; height: Math.round(14 * Theme.scale)
+                            color: Theme.muted
+                        }
+                    }
+                }
+                handle: Rectangle {
+                    x: slider.leftPadding + slider.visualPosition * (slider.availableWidth - width)
+                    y: slider.topPadding + slider.availableHeight / 2 - height / 2
+                    width: Math.round(24 * Theme.scale); height: width; radius: width / 2
+                    color: slider.pressed ? "white" : Theme.text
+                    border { width: slider.visualFocus ? 3 : 0; color: Theme.accent }
+                }
+            }
+            Text {
+                Layout.preferredWidth: Math.round(96 * Theme.scale)
+                horizontalAlignment: Text.AlignRight
+                text: qsTr("%1 / %2 s").arg(desk.ghostTime.toFixed(1)).arg(bar.view.duration.toFixed(1))
+                color: Theme.muted
+                font.pixelSize: Theme.small
+                font.features: { "tnum": 1 }
+            }
+        }
+    }
+}

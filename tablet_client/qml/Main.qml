@@ -1,0 +1,58 @@
+import QtQuick
+import QtQuick.Layouts
+import QtQuick.Window
+import Handrail
+
+// The operator's window.
+Window {
+    id: window
+
+    property int antialiasing: 0
+
+    width: 1280
+    height: 800
+    minimumWidth: 1024
+    minimumHeight: 640
+    title: desk.header.robot ? qsTr("%1 – Handrail").arg(desk.header.robot) : qsTr("Handrail")
+    color: Theme.ground
+
+    Binding {
+        target: Theme
+        property: "scale"
+        value: Math.max(0.9, Math.min(1.35, Math.min(window.width / 1280, window.height / 800)))
+    }
+
+    // STOP from anywhere in the window, whatever has the focus. Enter, not Space, presses buttons.
+    Shortcut { sequences: ["Escape", "Space"]; context: Qt.ApplicationShortcut; autoRepeat: false; onActivated: desk.stop() }
+
+    ColumnLayout {
+        anchors.fill: parent
+        spacing: 0
+
+        Header { Layout.fillWidth: true; z: 1 }
+        Banner { Layout.fillWidth: true }
+        RowLayout {
+            Layout.fillWidth: true
+            Layout.fillHeight: true
+            Layout.margins: Theme.gap
+            spacing: Theme.gap
+
+            ScenePanel {
+                objectName: "scenePanel"
+                Layout.fillWidth: true
+                Layout.fillHeight: true
+                antialiasing: window.antialiasing
+            }
+            ColumnLayout {
+                Layout.preferredWidth: Math.round(372 * Theme.scale)
+                Layout.fillWidth: false
+                Layout.fillHeight: true
+                spacing: Theme.gap
+
+                PromptCard { Layout.fillWidth: true }
+                TaskPanel { Layout.fillWidth: true }
+                JournalPanel { Layout.fillWidth: true; Layout.fillHeight: true; Layout.minimumHeight: Math.round(90 * Theme.scale) }
+            }
+        }
+    }
+}

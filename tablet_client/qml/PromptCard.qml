@@ -1,0 +1,100 @@
+import QtQuick
+import QtQuick.Layouts
+import Handrail
+
+// The robot asks. Large, with the numbers that the decision hangs on, and the reason when an answer is not possible.
+Rectangle {
+    id: card
+
+    readonly property var view: desk.prompt
+    readonly property color tone: view.stale ? Theme.danger : view.severity === "warning" ? Theme.warning : Theme.accent
+
+    objectName: "promptCard"
+    visible: view.open
+    implicitHeight: visible ? column.implicitHeight + 2 * Theme.gap + Theme.tight : 0
+    radius: Theme.radius
+    color: "#16212c"
+    border { color: tone; width: 2 }
+    Accessible.role: Accessible.Grouping
+    Accessible.name: qsTr("Question from the robot")
+
+    ColumnLayout {
+        id: column
+        anchors { left: parent.left; right: parent.right; top: parent.top; margins: Math.round(16 * Theme.scale) }
+        spacing: Theme.gap
+
+        RowLayout {
+            Caption { text: card.view.severity === "warning" ? qsTr("Attention") : qsTr("Your decision"); color: card.tone }
+            Item { Layout.fillWidth: true }
+            Caption { visible: card.view.waiting > 1; text: qsTr("1 of %1").arg(card.view.waiting || 0) }
+        }
+        Text {
+            objectName: "promptText"
+            Layout.fillWidth: true
+            text: card.view.text || ""
+            color: Theme.text
+            font.pixelSize: Theme.title
+            font.weight: Font.DemiBold
+            wrapMode: Text.Wrap
+            Accessible.role: Accessible.StaticText
+            Accessible.name: text
+        }
+        GridLayout {
+            Layout.fillWidth: true
+            columns: 3
+            columnSpacing: Theme.gap
+            rowSpacing: Theme.gap
+            visible: card.view.details.length > 0
+            Repeater {
+                model: card.view.details
+                Column {
+                    required property var modelData
+                    Layout.fillWidth: true
+                    Layout.preferredWidth: 1
+                    Layout.alignment: Qt.AlignTop
+                    Text { text: modelData.text; color: Theme.text; font.pixelSize: Theme.title; font.weight: Font.Medium }
+                    Text {
+                        text: modelData.label; color: Theme.muted; font.pixelSize: Math.round(12 * Theme.scale)
+                        width: parent.width; wrapMode: Text.Wrap
+                    }
+                }
+            }
+        }
+        Text {
+            objectName: "staleReason"
+            Layout.fillWidth: true
+            visible: card.view.stale === true
+            text: qsTr("This plan can't be executed any more: %1").arg(card.view.because || "")
+            color: "#ffaaa4"
+            font.pixelSize: Theme.body
+            wrapMode: Text.Wrap
+        }
+        Text {
+            Layout.fillWidth: true
+            visible: !!card.view.refused
+            text: qsTr("Not taken: %1").arg(card.view.refused || "")
+            color: "#ffaaa4"
+            font.pixelSize: Theme.body
+            wrapMode: Text.Wrap
+        }
+        RowLayout {
+            Layout.fillWidth: true
+            spacing: Theme.gap
+            Repeater {
+                // Answers that let the robot go stand on the right, away from the others.
+                model: card.view.options.slice().sort((a, b) => a.go - b.go)
+                ActionButton {
+                    required property var modelData
+                    objectName: "option_" + modelData.option
+                    Layout.fillWidth: true
+                    Layout.preferredWidth: 1
+                    big: true
+                    tone: modelData.go ? "primary" : "plain"
+                    text: Words.option(modelData.option)
+                    why: Words.why(modelData.why)
+                    onClicked: desk.answer(modelData.option)
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,104 @@
+import QtQuick
+import QtQuick3D
+import Handrail
+
+// The 3-D view. Its own file: Quick 3D's names clash with those of some Controls styles. World: x forward, y left, z up, metres.
+View3D {
+    id: view
+
+    property int antialiasing: 0 // 0: none, 1: when nothing moves, 2: always
+    property alias rig: rig
+
+    objectName: "scene"
+    camera: rig.camera
+    environment: SceneEnvironment {
+        backgroundMode: SceneEnvironment.Transparent
+        clearColor: "transparent"
+        antialiasingMode: view.antialiasing === 2 ? SceneEnvironment.MSAA
+            : view.antialiasing === 1 ? SceneEnvironment.ProgressiveAA : SceneEnvironment.NoAA
+        antialiasingQuality: SceneEnvironment.High
+        tonemapMode: SceneEnvironment.TonemapModeNone
+    }
+
+    CameraRig { id: rig }
+    DirectionalLight { eulerRotation: Qt.vector3d(-48, 28, 0); brightness: 0.95; ambientColor: Qt.rgba(0.20, 0.22, 0.25, 1) }
+    DirectionalLight { eulerRotation: Qt.vector3d(-12, -70, 0); brightness: 0.32; color: "#cfe2ff" }
+    DirectionalLight { eulerRotation: Qt.vector3d(-25, 165, 0); brightness: 0.42; color: "#ffe9d2" }
+
+    Node {
+        id: world
+        eulerRotation.x: -90 // robots' z up to Quick 3D's y up
+
+        Model {
+            geometry: stage.grid
+            position: Qt.vector3d(0, 0, stage.floor)
+            materials: PrincipledMaterial {
+                lighting: PrincipledMaterial.NoLighting
+                vertexColorsEnabled: true
+                alphaMode: PrincipledMaterial.Blend
+            }
+        }
+        Repeater3D {
+            model: stage.bodies
+            Model {
+                required property string name
+                required property vector3d place
+                required property quaternion turn
+                required geometry
+                objectName: "link_" + name
+                position: place
+                rotation: turn
+                materials: robotMaterial
+            }
+        }
+        Repeater3D {
+            model: stage.templates
+            Model {
+                required property string name
+                required property vector3d place
+                required property quaternion turn
+                required geometry
+                objectName: "template_" + name
+                position: place
+                rotation: turn
+                materials: templateMaterial
+            }
+        }
+        Repeater3D {
+            model: stage.ghost
+            Model {
+                required property string name
+                required property vector3d place
+                required property quaternion turn
+                required property bool shown
+                required geometry
+                objectName: "ghost_" + name
+                position: place
+                rotation: turn
+                visible: shown
+                castsShadows: false
+                materials: stage.ghostStale ? staleMaterial : freshMaterial
+            }
+        }
+        Model {
+            objectName: "trail"
+            visible: stage.ghostShown
+            geometry: stage.trail
+            castsShadows: false
+            materials: PrincipledMaterial { lighting: PrincipledMaterial.NoLighting; vertexColorsEnabled: true }
+        }
+    }
+
+    PrincipledMaterial { id: robotMaterial; vertexColorsEnabled: true; roughness: 0.55; metalness: 0.0; specularAmount: 0.35 }
+    PrincipledMaterial { id: templateMaterial; vertexColorsEnabled: true; roughness: 0.5; metalness: 0.0; specularAmount: 0.4 }
+    component Ghostly: PrincipledMaterial {
+        property color tint
+        baseColor: Qt.rgba(tint.r, tint.g, tint.b, 0.42)
+        emissiveFactor: Qt.vector3d(tint.r * 0.12, tint.g * 0.12, tint.b * 0.12)
+        alphaMode: PrincipledMaterial.Blend
+        roughness: 0.8
+        specularAmount: 0.2
+    }
+    Ghostly { id: freshMaterial; tint: Theme.accent }
+    Ghostly { id: staleMaterial; tint: Theme.danger }
+}

@@ -1,0 +1,101 @@
+import QtQuick
+import Handrail
+
+// The scene with its gestures, view buttons and the ghost's time line.
+Rectangle {
+    id: panel
+
+    property alias scene: scene
+    property int antialiasing: 0
+
+    radius: Theme.radius
+    border.color: input.activeFocus && input.byKeyboard ? Theme.accent : Theme.line
+    gradient: Gradient {
+        GradientStop { position: 0.0; color: "#222b35" }
+        GradientStop { position: 1.0; color: "#0d1217" }
+    }
+    clip: true
+
+    Scene { id: scene; anchors { fill: parent; margins: 1 } antialiasing: panel.antialiasing }
+
+    // One finger or the left button orbits, two fingers or the right button pan, pinch or wheel zooms.
+    Item {
+        id: input
+        property bool byKeyboard: focusReason === Qt.TabFocusReason || focusReason === Qt.BacktabFocusReason
+        property int focusReason: Qt.OtherFocusReason
+
+        objectName: "sceneInput"
+        anchors.fill: parent
+        activeFocusOnTab: true
+        Accessible.role: Accessible.Graphic
+        Accessible.name: qsTr("The robot and its surroundings. Arrow keys turn the view, plus and minus zoom, digits choose a view.")
+
+        DragHandler {
+            property point last
+            target: null
+            acceptedButtons: Qt.LeftButton
+            maximumPointCount: 1
+            onActiveChanged: last = Qt.point(0, 0)
+            onActiveTranslationChanged: if (active) {
+                scene.rig.orbit(activeTranslation.x - last.x, activeTranslation.y - last.y)
+                last = Qt.point(activeTranslation.x, activeTranslation.y)
+            }
+        }
+        DragHandler {
+            property point last
+            target: null
+            acceptedButtons: Qt.RightButton | Qt.MiddleButton
+            acceptedDevices: PointerDevice.Mouse | PointerDevice.TouchPad
+            onActiveChanged: last = Qt.point(0, 0)
+            onActiveTranslationChanged: if (active) {
+                scene.rig.pan(activeTranslation.x - last.x, activeTranslation.y - last.y, scene.height)
+                last = Qt.point(activeTranslation.x, activeTranslation.y)
+            }
+        }
+        PinchHandler {
+            target: null
+            onScaleChanged: delta => scene.rig.zoom(delta)
+            onTranslationChanged: delta => scene.rig.pan(delta.x, delta.y, scene.height)
+        }
+        WheelHandler {
+            acceptedDevices: PointerDevice.Mouse | PointerDevice.TouchPad
+            onWheel: event => scene.rig.zoom(Math.pow(1.12, event.angleDelta.y / 120))
+        }
+        TapHandler { onDoubleTapped: scene.rig.preset("robot") }
+
+        Keys.onLeftPressed: scene.rig.orbit(30, 0)
+        Keys.onRightPressed: scene.rig.orbit(-30, 0)
+        Keys.onUpPressed: scene.rig.orbit(0, 30)
+        Keys.onDownPressed: scene.rig.orbit(0, -30)
+        Keys.onPressed: event => {
+            if (event.text === "+" || event.text === "=") scene.rig.zoom(1.15)
+            else if (event.text === "-") scene.rig.zoom(1 / 1.15)
+            else if (event.text >= "1" && event.text <= "5") scene.rig.preset(views.names[Number(event.text) - 1])
+            else return
+            event.accepted = true
+        }
+    }
+
+    Row {
+        id: views
+        readonly property var names: ["robot", "work", "front", "side", "top"]
+        readonly property var titles: [qsTr("Robot"), qsTr("Work"), qsTr("Front"), qsTr("Side"), qsTr("Top")]
+        anchors { top: parent.top; left: parent.left; margins: Theme.gap }
+        spacing: Theme.tight
+        Repeater {
+            model: views.names
+            ActionButton {
+                required property int index
+                required property string modelData
+                objectName: "view_" + modelData
+                text: views.titles[index]
+                why: modelData === "work" && desk.header.places.length === 0 ? qsTr("nothing placed") : ""
+                opacity: 0.94
+                Accessible.name: qsTr("View: %1").arg(text)
+                onClicked: scene.rig.preset(modelData)
+            }
+        }
+    }
+    GhostBar { anchors { left: parent.left; right: parent.right; bottom: parent.bottom; margins: Theme.gap } }
+    EmptyScene { anchors.fill: parent }
+}

@@ -1,0 +1,135 @@
+pragma Singleton
+import QtQuick
+import Handrail
+
+// The words for the models' codes, in one place for translators. An unknown code is shown as it is rather than hidden.
+QtObject {
+    function link(state) {
+        return ({
+            waiting: qsTr("Waiting for a robot"),
+            attached: qsTr("Connected"),
+            lost: qsTr("Connection lost"),
+        })[state] || state
+    }
+
+    function drives(state) {
+        return ({
+            unknown: qsTr("Drives unknown"),
+            stopped: qsTr("Stopped"),
+            fault: qsTr("Drive fault"),
+            quick_stop: qsTr("Quick stop"),
+            enabled: qsTr("Drives enabled"),
+            disabled: qsTr("Drives not enabled"),
+        })[state] || state
+    }
+
+    function drivesColor(state) {
+        return ({
+            unknown: Theme.faint, stopped: Theme.danger, fault: Theme.danger, quick_stop: Theme.danger,
+            enabled: Theme.good, disabled: Theme.warning,
+        })[state] || Theme.faint
+    }
+
+    // Why a control can't be used; shown on the control itself.
+    function why(code) {
+        return ({
+            "": "",
+            no_robot: qsTr("no robot"),
+            no_engine: qsTr("the engine does not answer"),
+            no_program: qsTr("no program"),
+            stopped: qsTr("stop is latched"),
+            not_stopped: qsTr("not stopped"),
+            already_enabled: qsTr("already enabled"),
+            not_enabled: qsTr("drives not enabled"),
+            already_paused: qsTr("is paused"),
+            not_paused: qsTr("not paused"),
+            not_running: qsTr("not running"),
+            run_over: qsTr("run is over"),
+            plan_missing: qsTr("waiting for the plan"),
+            stale: qsTr("plan is stale"),
+            sending: qsTr("sending …"),
+        })[code] ?? code
+    }
+
+    function run(status) {
+        return ({
+            none: qsTr("No program"),
+            ready: qsTr("Ready"),
+            running: qsTr("Running"),
+            paused: qsTr("Paused"),
+            succeeded: qsTr("Succeeded"),
+            failed: qsTr("Failed"),
+            stopped: qsTr("Stopped"),
+        })[status] || status
+    }
+
+    function runColor(status) {
+        return ({
+            ready: Theme.muted, running: Theme.accent, paused: Theme.warning, succeeded: Theme.good,
+            failed: Theme.danger, stopped: Theme.warning,
+        })[status] || Theme.faint
+    }
+
+    function option(name) {
+        return ({
+            approve: qsTr("Approve"), reject: qsTr("Reject"), yes: qsTr("Yes"), no: qsTr("No"), ok: qsTr("OK"),
+            retry: qsTr("Try again"), cancel: qsTr("Cancel"), skip: qsTr("Skip"),
+        })[name] || (name.charAt(0).toUpperCase() + name.slice(1)).replace(/_/g, " ")
+    }
+
+    function name(identifier) {
+        return identifier.replace(/_/g, " ")
+    }
+
+    function clock(mode, seconds) {
+        if (!mode)
+            return ""
+        const minutes = Math.floor(seconds / 60)
+        const text = minutes + ":" + String(seconds % 60).padStart(2, "0")
+        return (mode === "lockstep" ? qsTr("Simulated time %1") : qsTr("Robot time %1")).arg(text)
+    }
+
+    function outcome(name) {
+        return ({
+            done: qsTr("done"), cancelled: qsTr("cancelled"), stopped: qsTr("stopped"),
+            owner_lost: qsTr("its owner is gone"), refused_by_limits: qsTr("refused by the limits"),
+            drive_fault: qsTr("drive fault"), diverged: qsTr("did not follow its command"),
+        })[name] || Words.name(name)
+    }
+
+    // One line of the journal.
+    function entry(code, a) {
+        const x = a[0] || "", y = a[1] || "", z = a[2] || ""
+        switch (code) {
+        case "log": return y ? y + ": " + x : x
+        case "attached": return qsTr("Connected to %1").arg(x)
+        case "detached": return qsTr("Connection lost: %1").arg(x)
+        case "engine_attached": return qsTr("The engine answers")
+        case "engine_detached": return qsTr("The engine does not answer: %1").arg(x)
+        case "drives_enabled": return qsTr("Drives enabled")
+        case "drives_disabled": return qsTr("Drives not enabled")
+        case "drives_stopped": return x ? qsTr("Stopped: %1").arg(x) : qsTr("Stopped")
+        case "drives_fault": return qsTr("Drive fault: %1").arg(x)
+        case "drives_quick_stop": return qsTr("Drives stopped by themselves: their command stream was silent")
+        case "stop_sending": return qsTr("STOP sent")
+        case "stop_answered": return qsTr("STOP confirmed by the robot")
+        case "stop_failed": return qsTr("STOP not confirmed: %1").arg(x)
+        case "refused": return qsTr("%1 refused: %2").arg(x).arg(y)
+        case "unanswered": return qsTr("%1 not answered: %2").arg(x).arg(y)
+        case "run_ready": return qsTr("%1 is ready").arg(Words.name(x))
+        case "run_running": return qsTr("%1 runs").arg(Words.name(x))
+        case "run_paused": return qsTr("%1 is paused").arg(Words.name(x))
+        case "run_succeeded": return qsTr("%1 succeeded").arg(Words.name(x))
+        case "run_failed": return y ? qsTr("%1 failed: %2").arg(Words.name(x)).arg(y) : qsTr("%1 failed").arg(Words.name(x))
+        case "run_stopped": return y ? qsTr("%1 stopped: %2").arg(Words.name(x)).arg(y) : qsTr("%1 stopped").arg(Words.name(x))
+        case "state": return Words.name(x)
+        case "prompt": return qsTr("Question: %1").arg(x)
+        case "answered": return qsTr("Answered %1 by %2").arg(Words.option(x)).arg(y || "?")
+        case "withdrawn": return qsTr("Question withdrawn")
+        case "plan_stale": return qsTr("Plan %1 is stale: %2").arg(x).arg(y)
+        case "action_ended": return z ? qsTr("Motion %1: %2 (%3)").arg(x).arg(Words.outcome(y)).arg(z)
+                                      : qsTr("Motion %1: %2").arg(x).arg(Words.outcome(y))
+        }
+        return [code].concat(a).join(" ")
+    }
+}

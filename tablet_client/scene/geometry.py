@@ -1,0 +1,63 @@
+"""Meshes and lines as Qt Quick 3D geometries. Keep a Python reference to each: when the last one goes, it vanishes from the view."""
+
+from __future__ import annotations
+
+import numpy as np
+from PySide6.QtCore import QByteArray
+from PySide6.QtGui import QVector3D
+from PySide6.QtQuick3D import QQuick3DGeometry
+
+from tablet_client.scene.meshes import Mesh
+
+_Attribute = QQuick3DGeometry.Attribute
+_Semantic = _Attribute.Semantic
+_FLOAT = _Attribute.ComponentType.F32Type
+_GAMMA = 2.2  # colours are written as screens show them; the renderer computes in linear light
+
+
+class MeshGeometry(QQuick3DGeometry):
+    """Triangles with normals and a colour a vertex."""
+
+    def __init__(self, mesh: Mesh | None = None):
+        super().__init__()
+        if mesh is not None:
+            self.show(mesh)
+
+    def show(self, mesh: Mesh) -> None:
+        """Take another mesh."""
+        self.clear()
+        self.setStride(40)
+        self.setPrimitiveType(QQuick3DGeometry.PrimitiveType.Triangles)
+        self.addAttribute(_Semantic.PositionSemantic, 0, _FLOAT)
+        self.addAttribute(_Semantic.NormalSemantic, 12, _FLOAT)
+        self.addAttribute(_Semantic.ColorSemantic, 24, _FLOAT)
+        self.addAttribute(_Semantic.IndexSemantic, 0, _Attribute.ComponentType.U32Type)
+        columns = np.hstack([mesh.vertices, mesh.normals, _linear(mesh.colors)]).astype(np.float32)
+        self.setVertexData(QByteArray(columns.tobytes()))
+        self.setIndexData(QByteArray(np.ascontiguousarray(mesh.faces, np.uint32).tobytes()))
+        _bound(self, mesh.vertices)
+        self.update()
+
+
+class LineGeometry(QQuick3DGeometry):
+    """Line segments, two vertices (2k, 3) m each, with a colour a vertex (2k, 4)."""
+
+    def __init__(self, vertices: np.ndarray, colors: np.ndarray):
+        super().__init__()
+        self.setStride(28)
+        self.setPrimitiveType(QQuick3DGeometry.PrimitiveType.Lines)
+        self.addAttribute(_Semantic.PositionSemantic, 0, _FLOAT)
+        self.addAttribute(_Semantic.ColorSemantic, 12, _FLOAT)
+        self.setVertexData(QByteArray(np.hstack([vertices, _linear(colors)]).astype(np.float32).tobytes()))
+        _bound(self, vertices)
+        self.update()
+
+
+def _linear(colors: np.ndarray) -> np.ndarray:
+    return np.hstack([np.power(colors[:, :3], _GAMMA), colors[:, 3:]])
+
+
+def _bound(geometry: QQuick3DGeometry, vertices: np.ndarray) -> None:
+    if len(vertices):
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        geometry.setBounds(QVector3D(*map(float, low)), QVector3D(*map(float, high)))

@@ -1,0 +1,235 @@
+"""What the 3-D view shows: the robot where it is, the ghost where it would go, the templates where they are believed to stand."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import Property, QObject, Signal
+from PySide6.QtGui import QVector3D
+
+from affordance_templates import catalogue
+from affordance_templates.instance import Instance
+from handrail.config import ConfigError
+from handrail.messages import InstanceState, Pose
+from handrail.robot.description import RobotDescription
+from tablet_client.models.plans import Track
+from tablet_client.models.situation import Situation
+from tablet_client.scene import robot as drawn
+from tablet_client.scene import solids
+from tablet_client.scene.bodies import Bodies
+from tablet_client.scene.geometry import LineGeometry, MeshGeometry
+
+_GRID = (0.42, 0.5, 0.58, 0.55)
+_FRESH, _STALE = (0.35, 0.72, 1.0, 1.0), (1.0, 0.36, 0.32, 1.0)
+_TRAIL_SAMPLES = 160
+_TRAIL_RADIUS = 0.0035  # m
+# A ghost's body that coincides with the robot's would flicker: it is left out until it is this far away.
+_APART = 0.004  # m
+_TURNED = 0.02  # rad
+
+Describe = Callable[[str], RobotDescription]
+
+
+class Stage(QObject):
+    """The scene's contents as QML sees them. `show` brings it up to date; robots load on a thread of their own."""
+
+    changed = Signal()
+    _loaded = Signal(object)
+    _failed = Signal(str, str)
+    _progressed = Signal(int, int)
+
+    def __init__(self, describe: Describe, cache: Path):
+        """`describe(name)` reads a robot's description; prepared meshes are kept in `cache`."""
+        super().__init__()
+        self._describe, self._cache = describe, cache
+        self._robot: drawn.DrawnRobot | None = None
+        self._asked = ""
+        self._state, self._problem, self._progress = "none", "", 0.0
+        self._bodies, self._ghost, self._templates = Bodies(), Bodies(), Bodies()
+        self._trail = MeshGeometry()
+        self._grid = LineGeometry(*solids.floor_grid(3.0, 0.25, _GRID))
+        self._geometries: list[MeshGeometry] = []
+        self._drawn_instances: dict[str, InstanceState] = {}
+        self._drawn_ghost: tuple[object, ...] = ()
+        self._drawn_trail: tuple[object, ...] = ()
+        self._ghost_shown = self._ghost_stale = False
+        self._focus = QVector3D(0.3, -0.15, 0.15)
+        self._loaded.connect(self._take_robot)
+        self._failed.connect(self._take_failure)
+        self._progressed.connect(self._take_progress)
+
+    def _get(name: str) -> Callable[[Stage], object]:  # type: ignore[misc]  # noqa: N805
+        return lambda self: getattr(self, name)
+
+    bodies = Property(QObject, _get("_bodies"), constant=True)
+    ghost = Property(QObject, _get("_ghost"), constant=True)
+    templates = Property(QObject, _get("_templates"), constant=True)
+    trail = Property(QObject, _get("_trail"), constant=True)
+    grid = Property(QObject, _get("_grid"), constant=True)
+    state = Property(str, _get("_state"), notify=changed)
+    """`none`, `loading`, `ready` or `failed`"""
+    problem = Property(str, _get("_problem"), notify=changed)
+    progress = Property(float, _get("_progress"), notify=changed)
+    ghostShown = Property(bool, _get("_ghost_shown"), notify=changed)  # noqa: N815
+    ghostStale = Property(bool, _get("_ghost_stale"), notify=changed)  # noqa: N815
+    focus = Property(QVector3D, _get("_focus"), notify=changed)
+    """m, world: the first template instance, where the work is"""
+
+    @Property(float, notify=changed)
+    def floor(self) -> float:
+        """m, world"""
+        return self._robot.floor if self._robot else 0.0
+
+    def show(self, situation: Situation) -> None:
+        """Draw what the models know."""
+        info = situation.robot.info
+        if info is not None and info.name != self._asked:
+            self._load(info.name)
+        self._show_instances(situation.world.instances)
+        if self._robot is None or situation.robot.state is None or info is None:
+            return
+        position = self._ordered(info.joints, situation.robot.state.position)
+        poses = self._robot.chain.poses(position)
+        self._bodies.pose(poses)
+        self._show_ghost(situation, position, poses)
+
+    # ---------------------------------------------------------------------------------------------------------- robot
+
+    def _load(self, name: str) -> None:
+        self._asked, self._state, self._progress, self._problem = name, "loading", 0.0, ""
+        self._robot = None
+        self._bodies.replace([])
+        self._ghost.replace([])
+        self.changed.emit()
+
+        def work() -> None:
+            try:
+                robot = drawn.load(
+                    self._describe(name), self._cache, lambda done, of: self._progressed.emit(done, of)
+                )
+            except (ConfigError, OSError, ValueError, KeyError) as error:
+                self._failed.emit(name, str(error))
+            else:
+                self._loaded.emit(robot)
+
+        threading.Thread(target=work, name="tablet-model", daemon=True).start()
+
+    def _take_robot(self, robot: drawn.DrawnRobot) -> None:
+        if robot.name != self._asked:
+            return
+        self._robot = robot
+        self._geometries = [MeshGeometry(mesh) for mesh in robot.meshes]
+        named = [
+            (name, geometry)
+            for name, geometry, mesh in zip(robot.chain.bodies, self._geometries, robot.meshes, strict=True)
+            if len(mesh.faces) or name
+        ]
+        self._bodies.replace(named)
+        self._ghost.replace(named)
+        self._ghost.hide()
+        home = np.zeros(len(robot.chain.joints))
+        self._bodies.pose(robot.chain.poses(home))
+        self._state = "ready"
+        self.changed.emit()
+
+    def _take_failure(self, name: str, problem: str) -> None:
+        if name == self._asked:
+            self._state, self._problem = "failed", problem
+            self.changed.emit()
+
+    def _take_progress(self, done: int, of: int) -> None:
+        self._progress = done / max(of, 1)
+        self.changed.emit()
+
+    def _ordered(self, joints: list[str], position: list[float]) -> np.ndarray:
+        """The robot's position in the order of the drawn chain."""
+        assert self._robot is not None
+        told = dict(zip(joints, position, strict=False))
+        return np.array([told.get(joint, 0.0) for joint in self._robot.chain.joints])
+
+    # ---------------------------------------------------------------------------------------------------------- ghost
+
+    def _show_ghost(self, situation: Situation, position: np.ndarray, poses: np.ndarray) -> None:
+        plans, robot = situation.plans, self._robot
+        track, plan = plans.track, plans.shown
+        assert robot is not None
+        shown, stale = plan is not None, plan is not None and not plan.fresh
+        if (shown, stale) != (self._ghost_shown, self._ghost_stale):
+            self._ghost_shown, self._ghost_stale = shown, stale
+            self.changed.emit()
+        if plan is None or track is None:
+            self._ghost.hide()
+            self._draw_trail(None, ())
+            return
+        ghost = robot.chain.poses(track.posture(robot.chain.joints, position, plans.time))
+        moved = np.linalg.norm(ghost[:, :3, 3] - poses[:, :3, 3], axis=1) > _APART
+        cosine = (np.einsum("bij,bij->b", ghost[:, :3, :3], poses[:, :3, :3]) - 1) / 2
+        self._ghost.pose(ghost, moved | (np.arccos(np.clip(cosine, -1, 1)) > _TURNED))
+        self._draw_trail(track, (plan.id, stale, track), position)
+
+    def _draw_trail(self, track: Track | None, key: tuple[object, ...], position: np.ndarray | None = None) -> None:
+        if key == self._drawn_trail:
+            return
+        self._drawn_trail = key
+        robot = self._robot
+        if track is None or robot is None or position is None:
+            self._trail.show(solids.tube(np.zeros((0, 3)), _TRAIL_RADIUS, _FRESH))
+            return
+        times = np.linspace(0.0, track.duration, _TRAIL_SAMPLES)
+        postures = np.array([track.posture(robot.chain.joints, position, time) for time in times])
+        color = _STALE if key[1] else _FRESH
+        lines = []
+        for arm, tip in robot.tips.items():
+            own = set(robot.arm_joints[arm]) & set(track.joints)
+            others = {joint for other, joints in robot.arm_joints.items() if other != arm for joint in joints}
+            if own - others:  # the torso moves both arms' tips; only the arm that the plan is for leaves a trail
+                lines.append(solids.tube(robot.chain.positions(tip, postures), _TRAIL_RADIUS, color))
+        self._trail.show(solids.merged(lines))
+
+    # ------------------------------------------------------------------------------------------------------ templates
+
+    def _show_instances(self, instances: dict[str, InstanceState]) -> None:
+        if instances == self._drawn_instances:
+            return
+        if list(instances) != self._templates.names():
+            self._templates.replace([(name, MeshGeometry()) for name in instances])
+            self._drawn_instances = {}
+        poses = []
+        for row, (name, state) in enumerate(instances.items()):
+            before = self._drawn_instances.get(name)
+            if before is None or _shape(before) != _shape(state):
+                geometry = self._templates.geometry(row)
+                assert isinstance(geometry, MeshGeometry)
+                geometry.show(_mesh(state))
+            poses.append(_matrix(state.pose_in_world))
+        self._templates.pose(np.array(poses))
+        self._drawn_instances = dict(instances)
+        first = next(iter(instances.values()), None)
+        if first is not None:
+            self._focus = QVector3D(*first.pose_in_world.position)
+            self.changed.emit()
+
+
+def _shape(state: InstanceState) -> tuple[object, ...]:
+    return state.template, state.template_hash, state.parameters, state.joint_state
+
+
+def _mesh(state: InstanceState) -> solids.Mesh:
+    template = catalogue.load(state.template)
+    instance = Instance(state.name, template, state.pose_in_world, state.parameters, state.joint_state, state.version)
+    return solids.shapes(instance.resolve().shapes)
+
+
+def _matrix(pose: Pose) -> np.ndarray:
+    x, y, z, w = pose.orientation
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = pose.position
+    return matrix

@@ -1,0 +1,221 @@
+"""One connection to a robot: attaches early or late, survives the link going away, and keeps the network off the window's thread.
+
+Four threads, none of which the window ever waits for:
+
+- *keeper*: fetches the snapshot that a late client needs, then asks for the status once a second to know that the robot is still
+  there; after an interruption it fetches the snapshot again.
+- *listener*: receives events, and tells the keeper when they began anew.
+- *caller*: sends the operator's calls, one after the other.
+- *stopper*: sends STOP and nothing else, on a connection of its own, so that neither a call that waits for its answer nor a window
+  that draws nothing any more is in its way. It repeats until the robot answers.
+
+What they learn goes into the `Inbox`; `handrail.client` does the talking.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol, TypeVar
+
+from handrail.client import Live
+from handrail.messages import (
+    ActionEvent,
+    DaemonStatus,
+    EngineSnapshot,
+    GetEngine,
+    GetInstances,
+    GetRobot,
+    GetStatus,
+    Instances,
+    InstanceState,
+    LogLine,
+    Message,
+    PlanPreview,
+    Prompt,
+    PromptClosed,
+    RobotInfo,
+    RobotState,
+    RunState,
+    Stop,
+)
+from handrail.topics import RefusedError
+from tablet_client.models import arrivals
+from tablet_client.models.arrivals import Inbox
+
+_Answer = TypeVar("_Answer")
+
+EVENTS = (
+    RobotState,
+    DaemonStatus,
+    ActionEvent,
+    InstanceState,
+    PlanPreview,
+    RunState,
+    Prompt,
+    PromptClosed,
+    LogLine,
+)
+
+_HEARTBEAT = 1.0  # s
+_RETRY = 1.0  # s
+_TIMEOUT = 3.0  # s, of the keeper's calls
+_STOP_TIMEOUT = 0.7  # s, of one attempt
+_STOP_PAUSE = 0.2  # s, between attempts
+_STOP_ATTEMPTS = 15
+_MISSES = 2  # unanswered heartbeats before the engine counts as gone: it may be busy planning
+
+
+class Client(Protocol):
+    """What the session needs of `handrail.client.Client`: safe to use from several threads, reconnects by itself."""
+
+    def call(self, message: Message, timeout_s: float | None = None) -> Any: ...
+    def events(self, *kinds: type, timeout_s: float = 5.0) -> Iterable[Any]: ...
+    def close(self) -> None: ...
+
+
+class Session:
+    """The tablet's connection. `connect` makes a client without waiting for the robot, as `handrail.connect` does with timeout 0."""
+
+    def __init__(
+        self, connect: Callable[[], Client], inbox: Inbox, *, heartbeat: float = _HEARTBEAT, retry: float = _RETRY
+    ):
+        """`heartbeat`, `retry`: s between questions while the robot answers, and between attempts while it does not."""
+        self._inbox = inbox
+        self._heartbeat, self._retry = heartbeat, retry
+        self._client, self._stop_client = connect(), connect()
+        self._over = threading.Event()
+        self._anew = threading.Event()
+        self._nudge = threading.Event()
+        self._calls: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self._stop_wanted = threading.Event()
+        self._stop_reason = ""
+        self._threads = [
+            threading.Thread(target=target, name=f"tablet-{name}", daemon=True)
+            for name, target in (
+                ("keeper", self._keep), ("listener", self._listen), ("caller", self._call), ("stopper", self._stop)
+            )
+        ]
+
+    def start(self) -> None:
+        for thread in self._threads:
+            thread.start()
+
+    def close(self, timeout: float = 2.0) -> None:
+        """End the threads, waiting at most `timeout` s for each; a call that is still out there is abandoned."""
+        self._over.set()
+        self._calls.put(None)
+        self._stop_wanted.set()
+        self._nudge.set()
+        self._client.close()
+        self._stop_client.close()
+        for thread in self._threads:
+            thread.join(timeout)
+
+    def send(self, call: Message) -> None:
+        """Send a call; its answer, or why there is none, arrives in the inbox."""
+        self._calls.put(call)
+
+    def stop(self, reason: str) -> None:
+        """Send STOP now, and again until it is answered. Returns at once, and never waits for another call."""
+        self._stop_reason = reason
+        self._stop_wanted.set()
+
+    # --------------------------------------------------------------------------------------------------------- keeper
+
+    def _keep(self) -> None:
+        tries, attached, engine, misses = 0, False, False, 0
+        while not self._over.is_set():
+            if self._anew.is_set():  # events may have been missed: ask for everything again
+                self._anew.clear()
+                attached = engine = False
+            try:
+                if attached:
+                    self._inbox.put(self._ask(GetStatus(), DaemonStatus))
+                else:
+                    info, status = self._ask(GetRobot(), RobotInfo), self._ask(GetStatus(), DaemonStatus)
+                    self._inbox.put(arrivals.Attached(info, status))
+                    attached, tries = True, 0
+            except (ConnectionError, OSError, RefusedError) as error:
+                tries += 1
+                self._inbox.put(arrivals.Unanswered(tries, str(error)))
+                attached = engine = False
+                self._pause(self._retry)
+                continue
+            try:
+                if engine:
+                    self._ask(GetInstances(), Instances)
+                else:
+                    self._fetch_engine()
+                    engine = True
+                misses = 0
+            except (ConnectionError, OSError, RefusedError) as error:
+                misses += 1
+                if not engine or misses >= _MISSES:
+                    engine = False
+                    self._inbox.put(arrivals.EngineDetached(str(error)))
+            self._pause(self._heartbeat)
+
+    def _ask(self, call: Message, expected: type[_Answer]) -> _Answer:
+        answer = self._client.call(call, _TIMEOUT)
+        if not isinstance(answer, expected):
+            raise ConnectionError(f"{type(call).__name__}: answered with {type(answer).__name__}")
+        return answer
+
+    def _fetch_engine(self) -> None:
+        self._inbox.hold()
+        first: tuple[Any, ...] = ()
+        try:
+            first = (arrivals.EngineAttached(self._ask(GetEngine(), EngineSnapshot)),)
+        finally:
+            self._inbox.release(*first)
+
+    def _pause(self, seconds: float) -> None:
+        self._nudge.wait(seconds)
+        if not self._over.is_set():
+            self._nudge.clear()
+
+    # ------------------------------------------------------------------------------------------------ listener, caller
+
+    def _listen(self) -> None:
+        with contextlib.suppress(ConnectionError):  # the client was closed
+            for event in self._client.events(*EVENTS, Live, timeout_s=0):
+                if isinstance(event, Live):
+                    self._anew.set()
+                    self._nudge.set()
+                else:
+                    self._inbox.put(event)
+
+    def _call(self) -> None:
+        while (call := self._calls.get()) is not None:
+            try:
+                self._inbox.put(arrivals.CallDone(call, self._client.call(call)))
+            except RefusedError as error:
+                self._inbox.put(arrivals.CallFailed(call, str(error), refused=True))
+            except (ConnectionError, OSError) as error:
+                self._inbox.put(arrivals.CallFailed(call, str(error), refused=False))
+
+    # -------------------------------------------------------------------------------------------------------- stopper
+
+    def _stop(self) -> None:
+        while self._stop_wanted.wait() and not self._over.is_set():
+            self._stop_wanted.clear()
+            self._send_stop()
+
+    def _send_stop(self) -> None:
+        """Send STOP until it is answered or hopeless."""
+        why = ""
+        for attempt in range(1, _STOP_ATTEMPTS + 1):
+            self._inbox.put(arrivals.StopProgress("sending", attempt, why))
+            try:
+                self._stop_client.call(Stop(reason=self._stop_reason), _STOP_TIMEOUT)
+            except (ConnectionError, OSError, RefusedError) as error:
+                why = str(error)
+                if self._over.wait(_STOP_PAUSE):
+                    return
+            else:
+                self._inbox.put(arrivals.StopProgress("answered", attempt))
+                return
+        self._inbox.put(arrivals.StopProgress("failed", _STOP_ATTEMPTS, why))

@@ -1,0 +1,215 @@
+"""A loop on drives of a simple joint model, in one process: no bus, no plant, every cycle called by the test."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon import exchange
+from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
+from daemon.loop import Loop
+from daemon.mailbox import MailboxWriter
+from daemon.ring import StateRingReader
+from hal.can import frames
+from hal.drives import lifecycle
+from hal.drives.lifecycle import State
+from hal.drives.limb_fd import DriveTargets, LimbProtocol
+from hal.hardware import Hardware
+from hal.joint import JointCommand, JointState
+from handrail.messages import EndCondition, JointTrajectory, Motion, StartAction
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from handrail.robot.kinematics import Kinematics
+from handrail.runtime import Runtime
+
+
+class JointDrives:
+    """A port with drives behind it: CiA 402, impedance law, and a free joint with gravity for each.
+
+    They see what a bus would carry (frames, quantised set-points) and step one period at Sync.
+    """
+
+    def __init__(self, description: RobotDescription, kinematics: Kinematics, protocol: LimbProtocol):
+        n = len(description.joints)
+        self.counters = np.zeros((len(description.channels), 3), np.int64)
+        self.refused = self.lost = 0
+        self.state, self.targets = JointState(n), DriveTargets(n)
+        self.state.position[:] = description.home_position()
+        self.life = np.full(n, State.SWITCH_ON_DISABLED, np.uint8)
+        self.silent = np.zeros(n, bool)
+        self.external_torque = np.zeros(n)
+        self.saturate = True
+        self.seen: list[JointCommand] = []
+        """set-points of each cycle that had some, as the drives decoded them"""
+        self.beats = 0
+        self.control_frames = self.command_frames = 0
+        self._period = description.period_ns * 1e-9
+        self._kinematics, self._protocol = kinematics, protocol
+        self._inertia = np.diag(kinematics.mass_matrix(description.home_position())) + 0.05
+        self._limit = description.torque_limit
+        self._previous = np.zeros(n, np.uint8)
+        self._out, self._waiting = frames.empty(64), 0
+
+    def send(self, records: np.ndarray) -> None:
+        self._protocol.decode(records, len(records), self.targets)
+        self.beats += self.targets.holds
+        if self.targets.controlled.any():
+            self.control_frames += 1
+            words = self.targets.controlword
+            self.life = lifecycle.transition(self.life, words, self._previous)
+            self._previous = words.copy()
+        if self.targets.commanded.any():
+            self.command_frames += 1
+            copy = JointCommand(len(self.life))
+            copy.copy_from(self.targets.command)
+            self.seen.append(copy)
+        if self.targets.syncs:
+            self._step()
+
+    def _step(self) -> None:
+        state, command, n = self.state, self.targets.command, len(self.life)
+        moving = self.life == State.OPERATION_ENABLED
+        gravity = self._kinematics.gravity(state.position)
+        for _ in range(10):
+            torque = effective(command, state) if self.targets.commanded.all() else np.zeros(n)
+            if self.saturate:
+                torque = np.clip(torque, -self._limit, self._limit)
+            acceleration = (torque - gravity + self.external_torque) / self._inertia
+            state.velocity += np.where(moving, acceleration * self._period / 10, -state.velocity)
+            state.position += state.velocity * self._period / 10
+            state.torque[:] = np.where(moving, torque, 0.0)
+        state.status[:] = lifecycle.statusword(self.life)
+        state.sequence[:] = self.targets.sequence
+        answer = self.targets.answer & ~self.silent
+        self._waiting = self._protocol.encode_status(state, np.zeros(n, np.uint8), answer, self._out)
+
+    def receive(self, timeout_s: float = 0.0) -> np.ndarray:
+        waiting, self._waiting = self._waiting, 0
+        return self._out[:waiting]
+
+    def fileno(self) -> int:
+        return -1
+
+    def close(self) -> None:
+        pass
+
+
+def effective(command: JointCommand, state: JointState) -> np.ndarray:
+    return (
+        command.torque
+        + command.stiffness * (command.position - state.position)
+        + command.damping * (command.velocity - state.velocity)
+    )
+
+
+class Bench:
+    """A loop, its drives, and the server's ends of ring and mailbox."""
+
+    def __init__(self, folder: Path, description: RobotDescription, kinematics: Kinematics, protocol: LimbProtocol):
+        self.description, self.runtime = description, Runtime.at(folder)
+        self.drives = JointDrives(description, kinematics, protocol)
+        self.hardware = Hardware(description, self.drives, protocol)
+        self.loop = Loop(self.hardware, kinematics, True, self.runtime)
+        dtype = exchange.snapshot_dtype(len(description.joints), len(description.channels))
+        self._ring = StateRingReader(self.runtime.state_ring, dtype)
+        self._mailbox = MailboxWriter(self.runtime.mailbox, exchange.COMMAND)
+        self._serial = 0
+        self._frames = {name: i for i, name in enumerate(exchange.frame_names(description))}
+        self._joints = {name: i for i, name in enumerate(description.joints)}
+
+    def run(self, cycles: int = 1, each: Callable[[], None] = lambda: None) -> np.ndarray:
+        """Run cycles; the newest snapshot."""
+        for _ in range(cycles):
+            self.loop.cycle()
+            self.loop.time_ns += self.loop.period_ns
+            each()
+        return self.snapshot()
+
+    def snapshot(self) -> np.ndarray:
+        """The newest snapshot, shape ()."""
+        rows = self._ring.read()
+        if len(rows):
+            self._newest = rows[-1]
+        return self._newest
+
+    def post(self, kind: Kind, **fields: float) -> int:
+        """Put a command into the mailbox; its serial."""
+        self._serial += 1
+        self._mailbox.post(exchange.encode_command(kind, self._serial, **fields))  # type: ignore[arg-type]
+        return self._serial
+
+    def ask(self, kind: Kind, **fields: float) -> Answer:
+        """Put a command into the mailbox, run a cycle, and return the loop's answer."""
+        self.post(kind, **fields)
+        return Answer(int(self.run()["answer"]))
+
+    def post_start(self, motion: Motion, ends: tuple[EndCondition, ...] = (), owner: int = 1, **fields: float) -> int:
+        self._serial += 1
+        message = StartAction(id=f"a{self._serial}", owner=f"o{owner}", motion=motion, ends=list(ends), **fields)
+        header, payload = exchange.encode_start(message, self._serial, owner, self._joints, self._frames)
+        self._mailbox.post(header, payload)
+        return self._serial
+
+    def start(self, motion: Motion, ends: tuple[EndCondition, ...] = (), owner: int = 1, **fields: float) -> Answer:
+        self.post_start(motion, ends, owner, **fields)
+        return Answer(int(self.run()["answer"]))
+
+    def enable(self) -> None:
+        """Enable, and wait until the robot holds."""
+        self.run(3)
+        assert self.ask(Kind.ENABLE) is Answer.ACCEPTED
+        for _ in range(50):
+            if self.run()["flags"] & Flag.ENABLED:
+                self.run(5)
+                return
+        raise AssertionError("the robot did not come to be enabled")
+
+    def move(self, joint: str, by: float, duration: float = 0.5, **fields: object) -> JointTrajectory:
+        """A smooth motion of one joint from where it is commanded, 20 knots of a minimum-jerk profile."""
+        start = float(self.loop.written.position[self._joints[joint]])
+        u = np.linspace(0.0, 1.0, 20)
+        share = u**3 * (10 - 15 * u + 6 * u * u)
+        slope = 30 * u * u * (1 - u) ** 2 / duration
+        return JointTrajectory(
+            joints=[joint],
+            times=(u * duration).tolist(),
+            positions=(start + by * share)[:, None].tolist(),
+            velocities=(by * slope)[:, None].tolist(),
+            **fields,  # type: ignore[arg-type]
+        )
+
+    def action(self, slot: int = 0) -> tuple[ActionState, Outcome]:
+        row = self.snapshot()["actions"][slot]
+        return ActionState(int(row["state"])), Outcome(int(row["outcome"]))
+
+    def index(self, joint: str) -> int:
+        return self._joints[joint]
+
+
+@pytest.fixture(scope="session")
+def talos() -> RobotDescription:
+    return robots.load("talos_upper")
+
+
+@pytest.fixture(scope="session")
+def talos_kinematics(talos: RobotDescription) -> Kinematics:
+    return Kinematics(talos)
+
+
+@pytest.fixture(scope="session")
+def talos_protocol(talos: RobotDescription) -> LimbProtocol:
+    return LimbProtocol(talos)
+
+
+@pytest.fixture
+def bench(talos: RobotDescription, talos_kinematics: Kinematics, talos_protocol: LimbProtocol) -> Iterator[Bench]:
+    folder = Path(tempfile.mkdtemp(prefix="hr"))
+    made = Bench(folder, talos, talos_kinematics, talos_protocol)
+    yield made
+    made.loop.close()
+    shutil.rmtree(folder)

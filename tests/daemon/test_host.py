@@ -1,0 +1,184 @@
+"""`handrail up`: what it starts, what it refuses, what it tells."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from daemon.host import Clock, UsageError, children, sole_service, up
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from handrail.runtime import Runtime
+
+cli = typer.Typer()
+cli.command()(up)
+
+
+@pytest.fixture(scope="module")
+def talos() -> RobotDescription:
+    return robots.load("talos_upper")
+
+
+@pytest.fixture
+def runtime() -> Iterator[Runtime]:
+    folder = Path(tempfile.mkdtemp(prefix="hr"))
+    yield Runtime.at(folder)
+    shutil.rmtree(folder)
+
+
+def on_real_buses(description: RobotDescription) -> RobotDescription:
+    channels = tuple(msgspec.structs.replace(channel, interface="socketcan") for channel in description.channels)
+    return dataclasses.replace(description, channels=channels)
+
+
+def test_a_simulated_robot_gets_plant_loop_server_engine_and_link_in_this_order(
+    talos: RobotDescription, runtime: Runtime
+) -> None:
+    made = children(talos, robot="talos_upper", scene="valve", clock=Clock.LOCKSTEP, runtime=runtime, port=47800)
+    assert [child.name for child in made] == ["plant", "loop", "server", "engine", "link"]
+    commands = {child.name: " ".join(child.command[1:]) for child in made}
+    where = f"--runtime {runtime.folder}"
+    assert commands == {
+        "plant": f"-m hal.plant.world --scene valve --robot talos_upper --clock lockstep {where}",
+        "loop": f"-m daemon.loop --robot talos_upper --clock lockstep {where}",
+        "server": f"-m daemon.server --robot talos_upper --clock lockstep {where}",
+        "engine": f"-m engines.engine --robot talos_upper {where}",
+        "link": f"-m handrail.link.gate {where} --port 47800",
+    }
+    assert next(child for child in made if child.name == "loop").bound_to == ("plant",)
+
+
+def test_engine_and_link_can_be_left_out(talos: RobotDescription, runtime: Runtime) -> None:
+    made = children(
+        talos,
+        robot="talos_upper",
+        scene="valve",
+        clock=Clock.WALL,
+        runtime=runtime,
+        port=47800,
+        engine=False,
+        link=False,
+    )
+    assert [child.name for child in made] == ["plant", "loop", "server"]
+
+
+def test_a_robot_on_real_buses_gets_no_plant(talos: RobotDescription, runtime: Runtime) -> None:
+    made = children(on_real_buses(talos), robot="r", scene=None, clock=Clock.WALL, runtime=runtime, port=1)
+    assert [child.name for child in made] == ["loop", "server", "engine", "link"]
+
+
+def test_lockstep_on_real_buses_is_refused(talos: RobotDescription, runtime: Runtime) -> None:
+    with pytest.raises(UsageError, match=r"lockstep.*real buses"):
+        children(on_real_buses(talos), robot="r", scene=None, clock=Clock.LOCKSTEP, runtime=runtime, port=1)
+
+
+def test_a_scene_for_a_robot_on_real_buses_is_refused(talos: RobotDescription, runtime: Runtime) -> None:
+    with pytest.raises(UsageError, match="--scene valve"):
+        children(on_real_buses(talos), robot="r", scene="valve", clock=Clock.WALL, runtime=runtime, port=1)
+
+
+def test_an_unknown_robot_is_one_line_that_names_those_there_are(runtime: Runtime) -> None:
+    result = CliRunner().invoke(cli, ["talos_uper", "--scene", "valve", "--runtime", str(runtime.folder)])
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert "talos_uper" in result.stderr
+    assert "talos_upper" in result.stderr
+
+
+def test_an_unknown_or_missing_scene_is_one_line_that_names_those_there_are(runtime: Runtime) -> None:
+    for arguments in (["--scene", "valv"], []):
+        result = CliRunner().invoke(cli, ["talos_upper", *arguments, "--runtime", str(runtime.folder)])
+        assert result.exit_code == 2
+        assert result.stderr.count("\n") == 1
+        assert "valve" in result.stderr
+
+
+def test_a_wrong_scene_file_is_told_with_file_and_line(runtime: Runtime) -> None:
+    file = runtime.folder / "wrong.yaml"
+    file.write_text("objects:\n  valve:\n    kind: wheel\n    radius: -1\n    pose_in_world: {position: [0, 0, 0]}\n")
+    result = CliRunner().invoke(cli, ["talos_upper", "--scene", str(file), "--runtime", str(runtime.folder)])
+    assert result.exit_code == 2
+    assert f"{file}:4: objects.valve.radius" in result.stderr
+
+
+def test_a_second_service_in_the_same_folder_is_refused_and_names_the_first(runtime: Runtime) -> None:
+    code = f"""
+from daemon.host import sole_service
+from handrail.runtime import Runtime
+with sole_service(Runtime.at({str(runtime.folder)!r})):
+    print("held", flush=True)
+    input()
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    with pytest.raises(UsageError, match=f"process {process.pid}"), sole_service(runtime):
+        pass
+    process.kill()  # even so, nothing stays behind that would refuse the next
+    process.wait()
+    with sole_service(runtime):
+        pass
+
+
+SERVICE = """
+import sys
+from daemon import host
+from daemon.supervisor import Child
+from handrail.runtime import Runtime
+ready = "import signal; print('{} ready', flush=True); signal.pause()"
+fakes = [Child(name, (sys.executable, "-c", ready.format(name))) for name in ("plant", "loop")]
+host._serve(fakes, Runtime.at(sys.argv[1]), 47800)
+"""
+
+
+def test_the_service_tells_how_to_go_on_keeps_its_health_file_and_ends_all_on_ctrl_c(runtime: Runtime) -> None:
+    process = subprocess.Popen([sys.executable, "-c", SERVICE, str(runtime.folder)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    health = runtime.folder / "health.json"
+    told = ""
+    while "Ctrl-C" not in told:
+        line = process.stdout.readline()
+        assert line, told
+        told += line
+    assert f"handrail stop --runtime {runtime.folder}" in told
+    assert "handrail tablet --connect tcp://127.0.0.1:47800" in told
+    assert json.loads(health.read_text()) == {"plant": "up", "loop": "up"}
+    before = health.stat().st_ino
+    loop = _children_of(process.pid)["loop"]
+    os.kill(loop, signal.SIGKILL)
+    deadline = time.monotonic() + 20
+    while json.loads(health.read_text()) != {"plant": "up", "loop": "up (died once)"}:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert health.stat().st_ino != before  # replaced whole, never seen half written
+    process.send_signal(signal.SIGINT)
+    rest, _ = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert "was ended by SIGKILL; starting it anew" in rest
+    assert "ending all processes" in rest
+    assert not health.exists()
+
+
+def _children_of(pid: int) -> dict[str, int]:
+    """Name → process, of the fake children."""
+    import psutil
+
+    names = {}
+    for child in psutil.Process(pid).children():
+        code = child.cmdline()[2]
+        names[code.split("'")[1].split()[0]] = child.pid
+    return names

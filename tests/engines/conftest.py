@@ -1,0 +1,360 @@
+"""A robot of two joints (the tool's angle about the wheel, its depth), a daemon that plays actions, a planner for both."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engines.engine import Engine
+from engines.planning.plan import Infeasible, Plan, Segment
+from handrail import messages as m
+from handrail.runtime import Runtime
+from handrail.topics import Caller, Publisher, RefusedError, Service, Subscriber, refuse
+
+JOINTS = ("angle", "depth", "other")
+HINGE = np.array([0.55, -0.35, 0.30])
+ENGAGE = 0.10
+
+
+def tip_pose(position: np.ndarray, arm: str) -> tuple[np.ndarray, np.ndarray]:
+    """The tool's tip on its circle about a hinge along +x."""
+    angle, depth = position[0], position[1]
+    return HINGE + np.array([depth, ENGAGE * math.cos(angle), ENGAGE * math.sin(angle)]), np.array([0.0, 0.0, 0.0, 1.0])
+
+
+@pytest.fixture
+def runtime() -> Iterator[Runtime]:
+    folder = Path(tempfile.mkdtemp(prefix="hr"))
+    yield Runtime.at(folder)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@dataclass
+class FakeDaemon:
+    """Answers `daemon.call`; an action arrives at its last knot at once, unless `trip` or `slow` says otherwise."""
+
+    runtime: Runtime
+    calls: list[Any] = field(default_factory=list)
+    slow: bool = False
+    """actions run until `finish`, a cancel or an operator stop"""
+    trip: Callable[[m.StartAction], str] = lambda action: ""
+    """action → the outcome it ends with half-way, or nothing"""
+    wheel: float = 0.0
+    """rad, where the wheel that the tool pushes really is"""
+    disturb: Callable[[m.StartAction], None] = lambda action: None
+
+    def __post_init__(self) -> None:
+        self.command = np.array([0.0, -0.3, 0.0])
+        self.cycle, self.action = 0, None
+        self._todo: list[Callable[[], None]] = []
+        self._end = threading.Event()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        assert self._ready.wait(5)
+
+    def _serve(self) -> None:
+        service = Service(self.runtime.endpoint("daemon.call"), m.DaemonCall, self._handle)
+        self.publisher = Publisher(self.runtime.endpoint("daemon.events"))
+        self._ready.set()
+        while not self._end.is_set():
+            service.poll(0.01)
+            self._state()
+            while self._todo:
+                self._todo.pop(0)()
+        service.close()
+        self.publisher.close()
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join(5)
+
+    def kinds(self) -> list[str]:
+        """Names of the calls that came, without the signs of life."""
+        return [type(call).__name__ for call in self.calls if not isinstance(call, m.CheckIn)]
+
+    def started(self) -> list[m.StartAction]:
+        return [call for call in self.calls if isinstance(call, m.StartAction)]
+
+    def finish(self) -> None:
+        """Let the running action arrive."""
+        self._todo.append(lambda: self._ended("done", 1.0))
+
+    def operator_stop(self) -> None:
+        self._todo.append(lambda: self._ended("stopped", 0.5))
+
+    def _state(self) -> None:
+        self.cycle += 1
+        command = self.command.tolist()
+        self.publisher.send(
+            m.RobotState(
+                time_ns=self.cycle * 2_000_000,
+                cycle=self.cycle,
+                position=command,
+                velocity=[0.0] * 3,
+                torque=[0.0] * 3,
+                command=command,
+            )
+        )
+
+    def _handle(self, call: Any) -> None:
+        self.calls.append(call)
+        if isinstance(call, m.StartAction):
+            self._start(call)
+        elif isinstance(call, m.CancelAction | m.PauseAction | m.ResumeAction):
+            if self.action is None or self.action.id != call.id:
+                raise refuse("no such action", "id", call.id, "a running one")
+            if isinstance(call, m.CancelAction):
+                self._todo.append(lambda: self._ended("cancelled", 0.5))
+
+    def _start(self, action: m.StartAction) -> None:
+        if isinstance(action.motion, m.JointTrajectory):
+            first = np.array(action.motion.positions[0])
+            if np.abs(first - self.command[: len(first)]).max() > 0.02:
+                raise refuse("first knot", "motion.positions[0]", first, f"within 0.02 rad of {self.command}")
+        self.action = action
+        self._todo.append(lambda: self._event("running", ""))
+        self._todo.append(lambda: self.disturb(action))
+        if outcome := self.trip(action):
+            self._todo.append(lambda: self._ended(outcome, 0.5))
+        elif not self.slow:
+            self.finish()
+
+    def _ended(self, outcome: str, share: float) -> None:
+        if self.action is None:
+            return
+        motion, begin = self.action.motion, self.command.copy()
+        if isinstance(motion, m.JointTrajectory):
+            knots = np.array(motion.positions)
+            at = np.interp(share, np.linspace(0, 1, len(knots)), np.arange(len(knots)))
+            for k in range(knots.shape[1]):
+                self.command[k] = np.interp(at, np.arange(len(knots)), knots[:, k])
+        else:
+            self.command[1] = motion.goal_in_world.position[0] - HINGE[0]
+        self._push(begin)
+        self._event("ended", outcome)
+        self.action = None
+
+    def _push(self, begin: np.ndarray) -> None:
+        """Turn the wheel where the tool, in between the spokes, runs against one."""
+        if self.command[1] > 0 and self.command[0] > begin[0]:
+            touching = math.asin(0.022 / ENGAGE)
+            ahead = (self.wheel - begin[0]) % (math.pi / 2)
+            self.wheel += max(0.0, self.command[0] + touching - (begin[0] + ahead))
+
+    def _event(self, state: Any, outcome: str) -> None:
+        if self.action is not None:
+            position = self.command.tolist()
+            self.publisher.send(
+                m.ActionEvent(
+                    id=self.action.id,
+                    state=state,
+                    outcome=outcome,
+                    time_ns=self.cycle * 2_000_000,
+                    cycle=self.cycle,
+                    position=position,
+                    command=position,
+                )
+            )
+
+
+class FakePlanner:
+    """Plans a visit in the two joints' own space."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.infeasible = False
+        self.pace = threading.Event()
+        self.pace.set()
+
+    def plan(
+        self, instance, trajectory, arm, position, *, arc=None, entry_shift=0.0, cancelled=None, progress=None
+    ) -> Plan:
+        self.asked.append({"arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance})
+        assert self.pace.wait(20)
+        if self.infeasible:
+            raise Infeasible("elbow limit", 0.12, "rad")
+        resolved = instance.resolve()
+        entry, joint = resolved.trajectories[trajectory].entry, resolved.joints["hinge"]
+        centre = 0.5 if arc is None else arc
+        angle = centre - entry.span / 2 + entry_shift
+        while min(abs((angle - a - joint.position + math.pi) % (2 * math.pi) - math.pi) for a in entry.avoid) < (
+            entry.contact_offset + entry.clearance
+        ):
+            angle += 0.01
+        end = centre + entry.span / 2
+        free = position[1] < -0.09
+        steps = [("standoff" if free else "return", (angle, -0.08)), ("engage", (angle, 0.02)), ("turn", (end, 0.02))]
+        steps += [("release", (end - 0.14, 0.02)), ("withdraw", (end - 0.14, -0.08))]
+        if free:
+            steps.insert(0, ("approach", (angle, -0.15)))
+        segments, here = [], position[:2].copy()
+        for name, goal in steps:
+            way = np.linspace(here, goal, 5)
+            ends = (m.PoseErrorEnd(frame="tip", position=0.02),) if name == "engage" else ()
+            force = m.PathForce(frame="tip") if name == "turn" else None
+            segments.append(Segment(name, np.linspace(0, 1, 5), way, np.zeros((5, 2)), ends, force))
+            here = np.array(goal)
+        outputs = {"entry_angle": angle, "end_angle": end, "arc_centre": centre}
+        id = f"plan-{len(self.asked)}"
+        made_from = {instance.name: instance.version}
+        return Plan(
+            id,
+            f"turn {instance.name}",
+            arm,
+            JOINTS[:2],
+            tuple(segments),
+            made_from,
+            position[:2].copy(),
+            0.03,
+            0.2,
+            outputs,
+        )
+
+
+class Stack:
+    """An engine in a thread of its own, with a caller and everything that it published."""
+
+    def __init__(self, runtime: Runtime, planner: FakePlanner):
+        self.runtime, self.planner = runtime, planner
+        self.events: list[Any] = []
+        self._started, self._end = threading.Event(), threading.Event()
+        self._changed = threading.Condition()
+        self._threads = [
+            threading.Thread(target=self._engine, daemon=True),
+            threading.Thread(target=self._listen, daemon=True),
+        ]
+        self._threads[0].start()
+        assert self._started.wait(10)
+        self._threads[1].start()
+        self.caller = Caller(runtime.endpoint("engine.call"))
+        self.listening()
+
+    def _engine(self) -> None:
+        arm = SimpleNamespace(joints=JOINTS[:2], tip="tip")
+        description = SimpleNamespace(
+            joints=JOINTS,
+            arms={"right": arm, "left": arm},
+            velocity_limit=np.array([2.0, 2.0, 2.0]),
+            index=lambda names: np.array([JOINTS.index(name) for name in names]),
+        )
+        self.engine = Engine(self.runtime, description, self.planner, tip_pose)  # type: ignore[arg-type]
+        self._started.set()
+        self.engine.serve()
+        self.engine.close()
+
+    def _listen(self) -> None:
+        subscriber = Subscriber(self.runtime.endpoint("engine.events"), m.EngineEvent)
+        while not self._end.is_set():
+            event = subscriber.receive(0.05)
+            if event is not None:
+                with self._changed:
+                    self.events.append(event)
+                    self._changed.notify_all()
+        subscriber.close()
+
+    def listening(self) -> None:
+        """Return when events arrive here, and the engine knows where the robot is."""
+        deadline = time.monotonic() + 10
+        while not self.events and time.monotonic() < deadline:
+            self.engine._log("info", "are you there?")
+            with self._changed:
+                self._changed.wait(0.05)
+        assert self.events
+        until(lambda: self.engine._services.daemon.command() is not None)
+
+    def call(self, message: Any, timeout_s: float = 5.0) -> Any:
+        return self.caller.call(message, timeout_s)
+
+    def refusal(self, message: Any) -> m.Refused:
+        with pytest.raises(RefusedError) as caught:
+            self.call(message)
+        return caught.value.refusal
+
+    def wait(self, wanted: Callable[[Any], bool], timeout_s: float = 10.0) -> Any:
+        """The first event that is wanted, past ones included."""
+        with self._changed:
+            found = self._changed.wait_for(lambda: next((e for e in self.events if wanted(e)), None), timeout_s)
+        assert found is not None, [e for e in self.events if not isinstance(e, m.PlanPreview)][-8:]
+        return found
+
+    def prompt(self, count: int = 1) -> m.Prompt:
+        """The count-th prompt."""
+        self.wait(lambda e: isinstance(e, m.Prompt) and sum(isinstance(x, m.Prompt) for x in self.events) >= count)
+        return [e for e in self.events if isinstance(e, m.Prompt)][count - 1]
+
+    def ended(self) -> m.RunState:
+        return self.wait(lambda e: isinstance(e, m.RunState) and e.status in ("succeeded", "failed", "stopped"))
+
+    def place(self, **parameters: float) -> m.InstanceState:
+        pose = m.Pose(position=tuple(HINGE.tolist()))
+        return self.call(m.PlaceInstance(name="wheel_1", template="wheel", pose_in_world=pose, parameters=parameters))
+
+    def run(self, **parameters: Any) -> m.RunState:
+        bindings = {"arm": "right", "valve": "wheel_1"}
+        deployed = self.call(m.Deploy(program="turn_valve", bindings=bindings, parameters=parameters))
+        return self.call(m.Run(deployment=deployed.id))
+
+    def close(self) -> None:
+        self.engine.stop()
+        self._end.set()
+        for thread in self._threads:
+            thread.join(5)
+        self.caller.close()
+
+
+def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    """Wait for something that no event tells of."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def wait_until() -> Callable[..., None]:
+    return until
+
+
+@pytest.fixture
+def daemon(runtime: Runtime) -> Iterator[FakeDaemon]:
+    daemon = FakeDaemon(runtime)
+    yield daemon
+    daemon.close()
+
+
+@pytest.fixture
+def planner() -> FakePlanner:
+    return FakePlanner()
+
+
+@pytest.fixture
+def start(runtime: Runtime, daemon: FakeDaemon, planner: FakePlanner) -> Iterator[Callable[[], Stack]]:
+    """Starts engines on one runtime, one after another."""
+    stacks: list[Stack] = []
+
+    def begin() -> Stack:
+        for stack in stacks:
+            stack.close()
+        stacks.append(Stack(runtime, planner))
+        return stacks[-1]
+
+    yield begin
+    for stack in stacks:
+        stack.close()
+
+
+@pytest.fixture
+def stack(start: Callable[[], Stack]) -> Stack:
+    return start()

@@ -1,0 +1,199 @@
+"""A gate between a fake daemon and engine (real services, no robot) and real clients."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import shutil
+import socket
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handrail.client import Client, connect
+from handrail.link import keys
+from handrail.link.gate import Gate
+from handrail.messages import (
+    DaemonCall,
+    DaemonStatus,
+    EngineCall,
+    EngineSnapshot,
+    GetEngine,
+    GetRobot,
+    GetStatus,
+    InstanceState,
+    LoopStatistics,
+    MakePlan,
+    PlaceInstance,
+    RobotInfo,
+)
+from handrail.runtime import Runtime
+from handrail.topics import Publisher, Service, refuse
+
+ROBOT = RobotInfo(
+    name="talos_upper",
+    joints=["arm_right_1_joint"],
+    lower=[-1.0],
+    upper=[1.0],
+    velocity_limit=[2.0],
+    torque_limit=[40.0],
+    groups={},
+    tools={"right": "tool_right"},
+    home={"ready": {"arm_right_1_joint": 0.0}},
+    period_ns=2_000_000,
+)
+
+
+def status(time_ns: int = 0) -> DaemonStatus:
+    return DaemonStatus(
+        time_ns=time_ns,
+        clock="lockstep",
+        enabled=False,
+        stopped=False,
+        drives=[],
+        controllers={},
+        loop=LoopStatistics(),
+        buses=[],
+    )
+
+
+def place(call: PlaceInstance) -> InstanceState:
+    return InstanceState(
+        name=call.name,
+        template=call.template,
+        template_hash="0",
+        version=1,
+        pose_in_world=call.pose_in_world,
+        parameters=call.parameters,
+        joint_state={},
+    )
+
+
+class FakeService:
+    """A daemon or engine that keeps what it is asked and answers what it is told to; publishes on demand."""
+
+    def __init__(self, runtime: Runtime, name: str, kinds: Any):
+        self.asked: list[Any] = []
+        self.answers: dict[type, Callable[[Any], Any]] = {}
+        self._service = Service(runtime.endpoint(f"{name}.call"), kinds, self._handle)
+        self._publisher = Publisher(runtime.endpoint(f"{name}.events"))
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _handle(self, message: Any) -> Any:
+        self.asked.append(message)
+        answer = self.answers.get(type(message))
+        return answer(message) if answer else None
+
+    def _run(self) -> None:
+        with contextlib.suppress(SystemExit):  # a test lets it die in the middle of a call
+            while not self._stop.is_set():
+                self._service.poll(0.02)
+
+    def publish(self, message: Any) -> None:
+        with self._lock:
+            self._publisher.send(message)
+
+    def close(self) -> None:
+        if not self._stop.is_set():
+            self._stop.set()
+            self._thread.join()
+            self._service.close()
+            self._publisher.close()
+
+
+class RunningGate:
+    """A gate that serves in a thread of its own."""
+
+    def __init__(self, runtime: Runtime, folder: Path, port: int):
+        self._loop = asyncio.new_event_loop()
+        self._until = asyncio.Event()
+        started = threading.Event()
+
+        async def serve() -> None:
+            ready = asyncio.Event()
+            serving = asyncio.create_task(Gate(runtime, keys.for_gate(folder), port=port).serve(self._until, ready))
+            await ready.wait()
+            started.set()
+            await serving
+
+        self._thread = threading.Thread(target=lambda: self._loop.run_until_complete(serve()))
+        self._thread.start()
+        assert started.wait(5)
+
+    def close(self) -> None:
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._until.set)
+            self._thread.join()
+            self._loop.close()
+
+
+class Stand:
+    """Everything that a test of the link needs, started on demand and closed at its end."""
+
+    def __init__(self, folder: Path):
+        self.runtime = Runtime.at(folder / "r")
+        self.keys = keys.ensure(folder / "keys")
+        self.port = free_ports()
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self._open: list[Any] = []
+
+    def daemon(self) -> FakeService:
+        service = self._keep(FakeService(self.runtime, "daemon", DaemonCall))
+        service.answers[GetRobot] = lambda _: ROBOT
+        service.answers[GetStatus] = lambda _: status()
+        return service
+
+    def engine(self) -> FakeService:
+        service = self._keep(FakeService(self.runtime, "engine", EngineCall))
+        service.answers[PlaceInstance] = place
+        service.answers[GetEngine] = lambda _: EngineSnapshot(instances=[], plans=[], run=None, prompts=[])
+
+        def infeasible(call: MakePlan) -> None:
+            raise refuse("out of reach", "instance", call.instance, "within 0.9 m")
+
+        service.answers[MakePlan] = infeasible
+        return service
+
+    def gate(self) -> RunningGate:
+        return self._keep(RunningGate(self.runtime, self.keys, self.port))
+
+    def client(self, folder: Path | None = None, timeout_s: float = 5.0) -> Client:
+        return self._keep(connect(self.address, folder or self.keys, timeout_s=timeout_s))
+
+    def _keep(self, what: Any) -> Any:
+        self._open.append(what)
+        return what
+
+    def close(self) -> None:
+        for what in reversed(self._open):
+            what.close()
+
+
+def free_ports() -> int:
+    """A port that is free, and so is the next one."""
+    while True:
+        with closing(socket.socket()) as first, closing(socket.socket()) as second:
+            first.bind(("127.0.0.1", 0))
+            port = first.getsockname()[1]
+            try:
+                second.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    folder = Path(tempfile.mkdtemp(prefix="hr"))
+    stand = Stand(folder)
+    yield stand
+    stand.close()
+    shutil.rmtree(folder)

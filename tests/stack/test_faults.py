@@ -1,0 +1,205 @@
+"""Pulling cables: what the robot really does when a process dies in mid-turn. Judged by the plant's ground truth."""
+
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from handrail import messages
+from handrail.messages import ActionEvent, DaemonStatus, RunState
+from handrail.topics import Caller, RefusedError, Subscriber
+
+pytestmark = [pytest.mark.stack, pytest.mark.timeout(180)]
+
+
+def moved(before: messages.GroundTruth, after: messages.GroundTruth) -> float:
+    """rad, the largest change of any joint between two samples"""
+    return max(abs(after.joints[joint] - before.joints[joint]) for joint in before.joints)
+
+
+def statuses(stack):
+    return Subscriber(stack.runtime.endpoint("daemon.events"), DaemonStatus)
+
+
+def status_until(subscriber, wanted, what, timeout_s=20.0):
+    status = None
+    for _ in range(round(timeout_s * 50)):
+        status = subscriber.receive(timeout_s) or status
+        if status is not None and wanted(status):
+            return status
+    pytest.fail(f"{what}: the last status was {status}")
+
+
+def test_drives_quick_stop_when_the_daemon_dies_and_stay_until_enabled_anew(running_stack):
+    stack = running_stack()
+    truth = stack.truth()
+    listener = statuses(stack)
+    stack.kill("daemon.loop")
+    dead = truth.now()
+    settled = truth.after(2.5)
+    assert moved(dead, settled) < 0.6, "damping lets a limp arm sink slowly, never fall"
+
+    status = status_until(
+        listener,
+        lambda status: all(drive.state == "quick_stop_active" for drive in status.drives),
+        "the restarted loop reports every drive in quick stop",
+    )
+    assert not status.enabled
+    assert {drive.error for drive in status.drives} != {0}, "the drives say that their watchdog tripped"
+
+    still = truth.now()
+    assert moved(settled, still) < 2e-3
+    assert moved(still, truth.after(1.0)) < 1e-3, "nothing moves before it is enabled"
+    caller = Caller(stack.runtime.endpoint("daemon.call"))
+    joint = "head_1_joint"
+    here = still.joints[joint]
+    trajectory = messages.JointTrajectory(
+        joints=[joint], times=[0.0, 1.0], positions=[[here], [here + 0.2]], velocities=[[0.0], [0.0]]
+    )
+    with pytest.raises(RefusedError, match=r"(?i)enable"):
+        caller.call(messages.StartAction(id="early", owner="test", motion=trajectory))
+    assert moved(still, truth.after(0.5)) < 1e-3
+
+    caller.call(messages.Enable(), timeout_s=10)
+    status_until(listener, lambda status: status.enabled, "enabled anew")
+    assert moved(still, truth.after(1.0)) < 0.05, "enabled, it holds where it is"
+
+
+def test_the_daemon_ends_the_action_safely_when_the_engine_dies(running_stack):
+    stack = running_stack(clock="wall")
+    truth = stack.truth()
+    events = Subscriber(stack.runtime.endpoint("daemon.events"), ActionEvent)
+    listener = statuses(stack)
+    stack.kill("engines.engine")
+    event = None
+    while event is None or event.state != "ended":
+        event = events.receive(15.0)
+        assert event is not None, "the action never ended"
+    assert event.outcome in ("owner_lost", "done")
+    status = status_until(listener, lambda status: not status.action, "no action is left")
+    assert status.enabled, "the robot holds"
+    truth.after(1.0)
+    assert np.isclose(moved(truth.now(), truth.after(1.0)), 0.0, atol=5e-3)
+
+
+def test_the_motion_goes_on_without_the_link_and_stop_works_over_the_local_socket(running_stack):
+    stack = running_stack(clock="wall")
+    truth = stack.truth()
+    listener = statuses(stack)
+    before = truth.now()
+    stack.kill("handrail.link.gate")
+    truth.until(
+        lambda sample: sample.hinges["valve"] > before.hinges["valve"] + 0.3, "the valve turns on without the link"
+    )
+    stopped = subprocess.run(
+        [sys.executable, "-m", "handrail.cli", "stop", "--runtime", str(stack.runtime.folder)],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert stopped.returncode == 0, stopped.stderr
+    status = status_until(listener, lambda status: status.stopped, "stopped")
+    assert not status.enabled
+    truth.after(2.0)
+    assert moved(truth.now(), truth.after(1.0)) < 1e-3
+
+
+def test_stop_latches_until_it_is_cleared_deliberately(running_stack):
+    stack = running_stack()
+    robot = stack.robot
+    truth = stack.truth()
+    runs = Subscriber(stack.runtime.endpoint("engine.events"), RunState)
+    robot.stop("test")
+    status = robot.status()
+    assert status.stopped
+    assert status.stop_reason == "test"
+    with pytest.raises(RefusedError, match=r"(?i)stop"):
+        robot.enable()
+    truth.after(2.0)
+    hinge = truth.now().hinges["valve"]
+    assert truth.after(1.0).hinges["valve"] == pytest.approx(hinge, abs=1e-3)
+    run = robot.snapshot().run
+    assert run is not None
+    assert run.status == "failed"
+    assert "stop" in run.detail
+    runs.close()
+    robot.clear_stop()
+    assert not robot.status().enabled, "clearing the stop moves nothing"
+    robot.enable()
+    assert robot.status().enabled
+
+
+def test_the_run_goes_on_when_its_client_goes_away(running_stack):
+    stack = running_stack()
+    truth = stack.truth()
+    before = truth.now().hinges["valve"]
+    stack.robot.close()
+    truth.until(lambda sample: sample.hinges["valve"] > before + 1.0, "the valve turns on without any client")
+
+
+def test_pausing_stops_the_motion_and_resuming_goes_on(running_stack):
+    stack = running_stack(clock="wall")
+    robot, truth = stack.robot, stack.truth()
+    robot.pause_run()
+    assert robot.snapshot().run.status == "paused"
+    truth.after(1.0)
+    still = truth.now()
+    assert moved(still, truth.after(1.0)) < 5e-3
+    robot.resume_run()
+    truth.until(lambda sample: sample.hinges["valve"] > still.hinges["valve"] + 0.3, "turning on after the pause")
+
+
+def test_a_second_process_on_the_bus_sees_every_frame_and_stock_cantools_decodes_them(running_stack, tmp_path):
+    import can
+    import cantools
+
+    stack = running_stack()
+    log = tmp_path / "capture.asc"
+    dump = subprocess.run(
+        [
+            *(sys.executable, "-m", "handrail.cli", "can", "dump", "can0", "--count", "4000"),
+            *("--log", str(log), "--runtime", str(stack.runtime.folder)),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert dump.returncode == 0, dump.stderr
+    import hal.drives
+
+    database = cantools.database.load_file(hal.drives.__path__[0] + "/limb_fd.dbc")
+    counters: list[int] = []
+    commands = answers = 0
+    with can.LogReader(log) as reader:
+        for frame in reader:
+            message = database.get_message_by_frame_id(frame.arbitration_id)
+            signals = message.decode(bytes(frame.data), decode_choices=False)
+            if message.name == "Sync":
+                counters.append(int(next(iter(signals.values()))))
+            commands += message.name.startswith("LimbCommand_0")
+            answers += message.name.startswith("DriveStatus_0_")
+    assert len(counters) > 50
+    assert set(np.diff(counters)) == {1}, "no cycle is missing"
+    assert abs(commands - len(counters)) <= 1
+    assert abs(answers - 7 * commands) <= 14, "every drive answered every command"
+
+
+def test_a_moved_template_makes_its_plan_stale_and_the_plan_is_refused(start_stack):
+    stack = start_stack()
+    stack.wait_output(lambda line: "ready" in line and "link" in line, "the link")
+    robot = stack.connect()
+    robot.enable()
+    robot.place_instance("wheel_1", "wheel", messages.Pose(position=(0.55, -0.35, 0.30)))
+    seen = threading.Event()
+    plan = robot.plan("wheel_1", "turn", timeout_s=30)
+    assert plan.fresh
+    robot.on(messages.PlanPreview, lambda preview: seen.set() if not preview.fresh else None)
+    robot.move_instance("wheel_1", messages.Pose(position=(0.56, -0.35, 0.30)))
+    assert seen.wait(5), "every client hears that the plan went stale"
+    assert "wheel_1" in robot.get_plan(plan.id).stale_because
+    with pytest.raises(RefusedError, match="wheel_1"):
+        robot.execute_plan(plan.id)

@@ -1,0 +1,283 @@
+"""A robot that only answers, and a screen that nobody sees: what the tablet's tests stand on."""
+
+from __future__ import annotations
+
+import os
+import queue
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handrail.client import Live
+from handrail.messages import (
+    AnswerPrompt,
+    ClearStop,
+    DaemonStatus,
+    DriveStatus,
+    Enable,
+    EngineSnapshot,
+    GetEngine,
+    GetInstances,
+    GetRobot,
+    GetStatus,
+    Instances,
+    InstanceState,
+    LoopStatistics,
+    PlanPreview,
+    PlanSegment,
+    Pose,
+    Prompt,
+    PromptClosed,
+    Refused,
+    RobotInfo,
+    RobotState,
+    RunState,
+    Stop,
+)
+from handrail.robot import description
+from handrail.topics import RefusedError, Unreachable
+
+WHEEL = Pose(position=(0.55, -0.35, 0.30))
+
+
+class FakeRobot:
+    """A daemon and an engine in one object, with clients instead of a link. Thread-safe enough for tests."""
+
+    def __init__(self) -> None:
+        self.description = description.load("talos_upper")
+        self.position = self.description.home_position().tolist()
+        self.calls: list[Any] = []
+        self.reachable = True
+        self.engine_there = True
+        self.enabled, self.stopped, self.stop_reason = True, False, ""
+        self.hanging = threading.Event()  # set: calls other than STOP never come back
+        self.released = threading.Event()
+        self.instances: list[InstanceState] = []
+        self.plans: list[PlanPreview] = []
+        self.run: RunState | None = None
+        self.prompts: list[Prompt] = []
+        self._streams: list[queue.SimpleQueue[Any]] = []
+        self.time_ns = 12_000_000_000
+
+    # What a test makes it do -------------------------------------------------------------------------------------------
+
+    def publish(self, *events: Any) -> None:
+        for event in events:
+            for stream in self._streams:
+                stream.put(event)
+
+    def state(self, **moved: float) -> RobotState:
+        """The robot's state with some joints moved, rad."""
+        position = list(self.position)
+        for joint, value in moved.items():
+            position[self.description.index(joint)] = value
+        zero = [0.0] * len(position)
+        return RobotState(
+            time_ns=self.time_ns, cycle=1, position=position, velocity=zero, torque=zero, command=position
+        )
+
+    def status(self, **changes: Any) -> DaemonStatus:
+        drive = "quick_stop_active" if self.stopped else "operation_enabled" if self.enabled else "switch_on_disabled"
+        fields: dict[str, Any] = {
+            "time_ns": self.time_ns,
+            "clock": "lockstep",
+            "enabled": self.enabled and not self.stopped,
+            "stopped": self.stopped,
+            "stop_reason": self.stop_reason,
+            "drives": [DriveStatus(joint=joint, state=drive) for joint in self.description.joints],
+            "controllers": {},
+            "loop": LoopStatistics(),
+            "buses": [],
+        }
+        return DaemonStatus(**{**fields, **changes})
+
+    def wheel(self, **changes: Any) -> InstanceState:
+        fields: dict[str, Any] = {
+            "name": "wheel_1",
+            "template": "wheel",
+            "template_hash": "0",
+            "version": 1,
+            "pose_in_world": WHEEL,
+            "parameters": {},
+            "joint_state": {"hinge": 0.3},
+        }
+        return InstanceState(**{**fields, **changes})
+
+    def plan(self, plan: str = "plan-1", **changes: Any) -> PlanPreview:
+        """A plan that lifts the right arm: two segments, 3 s."""
+        joints = list(self.description.arms["right"].joints)
+        start = [self.position[self.description.index(joint)] for joint in joints]
+        middle = [value + shift for value, shift in zip(start, (0.25, 0.1, -0.2, 0.25, -0.3, 0.4, 0.2, 0.0, 0.0), strict=True)]
+        goal = [value + shift for value, shift in zip(middle, (0.1, 0.0, -0.2, 0.1, 0.1, 0.2, 0.0, 0.2, 0.1), strict=True)]
+        fields: dict[str, Any] = {
+            "id": plan,
+            "label": "Stroke 1",
+            "joints": joints,
+            "segments": [
+                PlanSegment(name="approach", times=[0.0, 2.0], positions=[start, middle]),
+                PlanSegment(name="turn", times=[0.0, 1.0], positions=[middle, goal]),
+            ],
+            "made_from": {"wheel_1": 1},
+            "fresh": True,
+            "clearance": 0.031,
+            "limit_margin": 0.21,
+            "duration": 3.0,
+        }
+        return PlanPreview(**{**fields, **changes})
+
+    def prompt(self, **changes: Any) -> Prompt:
+        fields: dict[str, Any] = {
+            "id": "prompt-1",
+            "run": "run-1",
+            "text": "Turn the valve with the right arm?",
+            "options": ["approve", "reject"],
+            "plan": "plan-1",
+            "details": {"clearance_m": 0.031},
+        }
+        return Prompt(**{**fields, **changes})
+
+    def running(self, **changes: Any) -> RunState:
+        fields: dict[str, Any] = {
+            "run": "run-1",
+            "deployment": "deployment-1",
+            "program": "turn_valve",
+            "hash": "3f9a1c77d20b",
+            "status": "running",
+            "active": ["turning", "confirm"],
+            "data": {"turned_deg": 0.0, "goal_deg": 285.0, "strokes": 0},
+        }
+        return RunState(**{**fields, **changes})
+
+    # What a client sees ------------------------------------------------------------------------------------------------
+
+    def connect(self) -> FakeClient:
+        return FakeClient(self)
+
+    def answer(self, call: Any) -> Any:
+        self.calls.append(call)
+        if isinstance(call, Stop):
+            self.stopped, self.stop_reason = True, call.reason
+            self.publish(self.status())
+            return None
+        if isinstance(call, ClearStop):
+            self.stopped, self.enabled = False, False
+            self.publish(self.status())
+        if isinstance(call, Enable):
+            if self.stopped:
+                raise RefusedError(Refused(message="the stop is latched"))
+            self.enabled = True
+            self.publish(self.status())
+        if isinstance(call, AnswerPrompt):
+            self.prompts = [prompt for prompt in self.prompts if prompt.id != call.id]
+            self.publish(PromptClosed(id=call.id, answer=call.answer, by=call.by))
+        arms = self.description.arms
+        answers: dict[type, Callable[[], Any]] = {
+            GetRobot: lambda: RobotInfo(
+                name=self.description.name,
+                joints=list(self.description.joints),
+                lower=self.description.lower.tolist(),
+                upper=self.description.upper.tolist(),
+                velocity_limit=self.description.velocity_limit.tolist(),
+                torque_limit=self.description.torque_limit.tolist(),
+                groups={name: list(joints) for name, joints in self.description.groups.items()},
+                tools={name: arm.tip for name, arm in arms.items()},
+                home=self.description.home,
+                period_ns=self.description.period_ns,
+            ),
+            GetStatus: self.status,
+            GetEngine: lambda: EngineSnapshot(
+                instances=self.instances, plans=self.plans, run=self.run, prompts=self.prompts
+            ),
+            GetInstances: lambda: Instances(instances=self.instances),
+        }
+        return answers[type(call)]() if type(call) in answers else None
+
+    def calls_of(self, kind: type) -> list[Any]:
+        return [call for call in self.calls if isinstance(call, kind)]
+
+
+class FakeClient:
+    """What `handrail.connect` would return, without a network."""
+
+    def __init__(self, robot: FakeRobot):
+        self._robot = robot
+        self._stream: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def call(self, message: Any, timeout_s: float | None = None) -> Any:
+        robot = self._robot
+        if not robot.reachable:
+            raise Unreachable("nobody is there")
+        if isinstance(message, GetEngine | GetInstances) and not robot.engine_there:
+            raise Unreachable("the engine is not running; nothing was done")
+        if robot.hanging.is_set() and not isinstance(message, Stop):
+            robot.released.wait(10)
+            raise Unreachable("hung")
+        return robot.answer(message)
+
+    def events(self, *kinds: type, timeout_s: float = 5.0) -> Iterator[Any]:
+        self._robot._streams.append(self._stream)
+        self._stream.put(Live())
+        while (event := self._stream.get()) is not None:
+            if isinstance(event, kinds):
+                yield event
+
+    def close(self) -> None:
+        self._stream.put(None)
+        self._robot.released.set()
+
+
+def wait_until(holds: Callable[[], Any], seconds: float = 15.0, turn: Callable[[], None] | None = None) -> Any:
+    """Wait for something to become true, letting `turn` run meanwhile; returns what it became."""
+    deadline = time.monotonic() + seconds
+    while not (value := holds()):
+        if time.monotonic() > deadline:
+            pytest.fail("did not happen in time")
+        if turn is not None:
+            turn()
+        else:
+            threading.Event().wait(0.005)
+    return value
+
+
+@pytest.fixture
+def robot() -> FakeRobot:
+    return FakeRobot()
+
+
+@pytest.fixture
+def wait() -> Callable[..., Any]:
+    return wait_until
+
+
+@pytest.fixture(scope="session")
+def screen() -> Iterator[str]:
+    """A virtual X screen of our own, on a display number that Xvfb chooses."""
+    program = shutil.which("Xvfb")
+    assert program, "Xvfb is not installed: make setup installs it"
+    reading, writing = os.pipe()
+    server = subprocess.Popen(
+        [program, "-displayfd", str(writing), "-screen", "0", "1920x1200x24", "-nolisten", "tcp", "-noreset"],
+        pass_fds=[writing],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(writing)
+    try:
+        with os.fdopen(reading) as answer:
+            number = answer.readline().strip()
+        assert number, "Xvfb did not start"
+        yield f":{number}"
+    finally:
+        server.terminate()
+        server.wait(10)
+
+
+@pytest.fixture(scope="session")
+def mesh_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("meshes")

@@ -43,6 +43,16 @@ def request(stop_socket: Path, text: str, timeout_s: float = 1.0) -> str:
             ) from error
 
 
+def leave(stop_socket: Path, text: str) -> bool:
+    """Send one datagram to a loop that is still starting, which reads it in its first cycle. False: there is no loop."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
+        try:
+            sender.sendto(text.encode(), str(stop_socket))
+        except (FileNotFoundError, ConnectionRefusedError, BlockingIOError):
+            return False
+    return True
+
+
 def stop_now(runtime: Runtime, reason: str = "", timeout_s: float = 1.0) -> str:
     """Operator stop: every drive quick-stops within two cycles, latched until cleared. The loop's answer; raises NoAnswer."""
     reason = " ".join(reason.split()).encode()[:_LONGEST_REASON].decode(errors="ignore")

@@ -152,7 +152,7 @@ class Service:
             return Refused(message="a call is one frame", field="frames", value=str(len(frames)), expected="1")
         try:
             message = self._decoder.decode(frames[0])
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, RecursionError) as error:  # the latter for nesting without end
             return Refused(message=f"not a call that is known here: {error}")
         try:
             return self._handle(message) or Ok()

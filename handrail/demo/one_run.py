@@ -122,10 +122,12 @@ class _Attempt:
         self._enable(client)
         self._start_up_s = time.monotonic() - began
         self._before = self._judge.snapshot(5.0)
-        if self._options.view:
-            self._children.start("tablet", _handrail("tablet", "--connect", client.address))
+        view = self._options.view
+        window = self._children.start("tablet", _handrail("tablet", "--connect", client.address)) if view else None
         self._operator = self._keep(ScriptedOperator(client))
         self._turn(client, robot)
+        if window and window.process.poll():
+            self._show.note(f"the operator's window did not stay open\n{window.last_words()}")
         self._after = self._judge.snapshot(2.0)
 
     def _start(self) -> tuple[Child, Client]:

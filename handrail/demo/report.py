@@ -90,19 +90,9 @@ def show_line(console: Console, row: Row) -> None:
 
 def show_many(console: Console, rows: Sequence[Row]) -> None:
     """The verdict on several runs, for people."""
-    table = Table(title="The demo, seed by seed")
-    for name in (
-        "seed",
-        "turned",
-        "success",
-        "peak force",
-        "misses",
-        "drive faults",
-        "real time",
-        "template off by",
-        "problem",
-    ):
-        table.add_column(name, justify="left" if name == "problem" else "right")
+    table = Table(title="The demo, seed by seed", pad_edge=False)
+    for name in ("seed", "turned", "success", "peak", "misses", "faults", "speed", "template off by"):
+        table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(
             str(row.seed),
@@ -113,7 +103,6 @@ def show_many(console: Console, rows: Sequence[Row]) -> None:
             str(row.drive_faults),
             f"{row.real_time_factor:.2f}×",
             f"{row.position_error_mm:.0f} mm, {row.angle_error_deg:.1f}°",
-            "; ".join(problem.splitlines()[0] for problem in row.problems),
         )
     console.print()
     console.print(table)

@@ -6,6 +6,7 @@ valve that is still touched then was not released, and a release that is not fol
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,13 +47,15 @@ class Verdict:
 def judge(samples: Sequence[Truth], started_s: float, program: str) -> Verdict:
     """Judge a run by its samples in order of time; `started_s`: plant's time when the program began; `program`: its last status.
 
-    Without samples nothing is proven: no success.
+    Without samples, or when the plant began anew in between, nothing is proven: no success.
     """
     before = [sample for sample in samples if sample.time_s <= started_s] or list(samples[:1])
     after = [sample for sample in samples if sample.time_s > started_s]
     if not before or not after:
         return Verdict(0.0, 0.0, False, False, ("the plant's ground truth was not heard",))
 
+    if any(later.time_s < earlier.time_s for earlier, later in itertools.pairwise(samples)):
+        return Verdict(0.0, max(sample.peak_force for sample in samples), False, False, ("the plant was restarted",))
     problems = [] if program == "succeeded" else [f"the program ended as {program or 'nothing'}, not as succeeded"]
     touching = [sample.time_s for sample in after if sample.force > 0]
     reading_s = (touching[-1] if touching else after[0].time_s) + SETTLE_S

@@ -65,7 +65,7 @@ def test_a_refusal_names_field_value_and_expectation(context, service):
         b"\xc1",
         msgpack.packb({"type": "Format", "disk": 1}),
         msgpack.packb({"type": "Stop", "reason": 5}),
-        b"\x93" * 400,
+        b"\x91" * 100_000,
     ],
 )
 def test_malformed_calls_are_refused_and_never_handled(context, service, payload):

@@ -1,0 +1,61 @@
+"""The demo as a user runs it: the valve really turns, and what it leaves behind can be opened."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from mcap.reader import make_reader
+from PIL import Image
+
+pytestmark = [pytest.mark.stack]
+
+
+def demo(folder, *arguments: str, timeout_s: float) -> tuple[int, list[dict], str]:
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "handrail.cli", "demo", *arguments),
+            *("--out", str(folder / "out"), "--json", str(folder / "rows.json")),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+    rows = json.loads((folder / "rows.json").read_text()) if (folder / "rows.json").exists() else []
+    return done.returncode, rows, done.stdout + done.stderr
+
+
+@pytest.mark.timeout(400)
+def test_two_seeds_turn_the_valve_in_lock_step(tmp_path):
+    status, rows, text = demo(tmp_path, "--seeds", "2", timeout_s=380)
+    assert status == 0, text
+    assert [row["seed"] for row in rows] == [0, 1]
+    for row in rows:
+        assert row["success"], text
+        assert row["turned_deg"] >= 270
+        assert row["peak_force_n"] <= 100
+        assert row["misses"] == 0
+        assert row["real_time_factor"] > 0
+    assert (tmp_path / "out" / "seeds.png").exists()
+
+
+@pytest.mark.timeout(300)
+def test_the_valve_turns_on_the_wall_clock_and_leaves_a_recording_pictures_and_a_plot(tmp_path):
+    status, rows, text = demo(tmp_path, "--seed", "3", "--clock", "wall", timeout_s=280)
+    assert status == 0, text
+    assert rows[0]["turned_deg"] >= 270
+    assert isinstance(rows[0]["misses"], int)
+    out = tmp_path / "out"
+    for picture in ("before.png", "after.png", "tracking.png"):
+        with Image.open(out / picture) as image:
+            assert len(image.convert("RGB").getcolors(1 << 24)) > 20, f"{picture} shows something"
+    with (out / "recording.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        counts = {
+            channel.topic: summary.statistics.channel_message_counts.get(number, 0)
+            for number, channel in summary.channels.items()
+        }
+    assert sum("joint" in topic for topic in counts), counts
+    assert max(counts.values()) > 1000

@@ -14,6 +14,12 @@ from pathlib import Path
 _LONGEST_FOLDER = 86
 
 
+def memory_folder() -> Path:
+    """Where runtime folders belong: in memory, so that the loop's shared files never wait for a disk."""
+    candidates = [os.environ.get("XDG_RUNTIME_DIR"), "/dev/shm", tempfile.gettempdir()]
+    return next(Path(folder) for folder in candidates if folder and os.access(folder, os.W_OK | os.X_OK))
+
+
 @dataclass(frozen=True)
 class Runtime:
     """The folder in which the local processes of one robot find each other."""
@@ -29,8 +35,7 @@ class Runtime:
         if folder is None:
             folder = os.environ.get("HANDRAIL_RUNTIME")
         if folder is None:
-            base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-            folder = Path(base) / f"handrail-{os.getuid()}"
+            folder = memory_folder() / f"handrail-{os.getuid()}"
         path = Path(folder).absolute()
         if len(os.fsencode(path)) > _LONGEST_FOLDER:
             raise ValueError(
@@ -38,6 +43,8 @@ class Runtime:
                 f"expected at most {_LONGEST_FOLDER}, since Unix sockets live in it"
             )
         path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if (owner := path.stat().st_uid) != os.getuid():
+            raise ValueError(f"runtime folder: {path} belongs to user {owner}; expected this user, {os.getuid()}")
         return cls(path)
 
     @property

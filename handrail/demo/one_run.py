@@ -25,7 +25,7 @@ from handrail.demo.scenario import OBJECT, Scenario
 from handrail.demo.verdict import SETTLE_S, Verdict, judge
 from handrail.link.keys import KeysError
 from handrail.messages import DaemonStatus, GroundTruth, LogLine, RunState
-from handrail.runtime import Runtime
+from handrail.runtime import Runtime, memory_folder
 
 ROBOT = "talos_upper"
 PROGRAM = "turn_valve"
@@ -79,7 +79,7 @@ class _Seen:
 
 def run(scenario: Scenario, options: Options, out: Path, show: Show) -> Outcome:
     """Run the demo once, leaving scene, recording and logs in `out`. What goes wrong is in the row's problems."""
-    folder = Path(tempfile.mkdtemp(prefix="hr"))  # short: Unix sockets live in it
+    folder = Path(tempfile.mkdtemp(prefix="hr", dir=memory_folder()))  # short: Unix sockets live in it
     try:
         with Children(out / "logs") as children:
             attempt = _Attempt(scenario, options, out, show, Runtime.at(folder), children)

@@ -20,7 +20,7 @@ import pytest
 
 import handrail
 from handrail import messages
-from handrail.runtime import Runtime
+from handrail.runtime import Runtime, memory_folder
 from handrail.topics import Subscriber
 
 READY = ("plant", "loop", "server", "engine", "link")
@@ -142,7 +142,7 @@ def start_stack() -> Iterator[Callable[..., Stack]]:
     folders: list[Path] = []
 
     def start(**options) -> Stack:
-        folder = Path(tempfile.mkdtemp(prefix="hr"))
+        folder = Path(tempfile.mkdtemp(prefix="hr", dir=memory_folder()))
         folders.append(folder)
         stack = Stack(folder, **options)
         stacks.append(stack)

@@ -7,10 +7,9 @@ before the controllers run: a guard that trips in a cycle takes the joints to `h
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.controllers.base import MotionController
 from daemon.controllers.cartesian_impedance import CartesianImpedance
@@ -51,10 +50,6 @@ class Action:
     condition: int = -1
     joint: int = -1
     value: float = 0.0
-    path_force: float = 0.0
-    position: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    command: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """rad (n,), measured and commanded in the cycle that ended it"""
 
     @property
     def alive(self) -> bool:
@@ -177,12 +172,12 @@ class ActionTable:
                 ended.append(action)
         return ended
 
-    def end_all(self, outcome: Outcome, last: JointCommand, joint: int = -1) -> list[Action]:
+    def end_all(self, outcome: Outcome, joint: int = -1) -> list[Action]:
         """End everything at once without a hold: the caller has taken the claims away. Returns what ended."""
         ended = list(self.running())
         for action in ended:
             action.outcome, action.joint = outcome, joint
-            self._note_end(action, last)
+            action.state, action.cycle = ActionState.ENDED, self.cycle
         return ended
 
     def _has_to_end(self, action: Action, last: JointCommand) -> bool:
@@ -205,13 +200,8 @@ class ActionTable:
         return False
 
     def _end(self, action: Action, last: JointCommand) -> None:
-        self._note_end(action, last)
-        self._manager.switch([action.controller], [], last)
-
-    def _note_end(self, action: Action, last: JointCommand) -> None:
         action.state, action.cycle = ActionState.ENDED, self.cycle
-        action.path_force = action.controller.path_force
-        action.position, action.command = self._robot.joints.position.copy(), last.position.copy()
+        self._manager.switch([action.controller], [], last)
 
     def _steer(self, serial: int, rate: float) -> Refusal | None:
         for action in self.running():

@@ -169,8 +169,8 @@ def snapshot_dtype(joints: int, channels: int) -> np.dtype:
             ("time_ns", "i8"),
             ("path_force", "f8"),  # N
             ("progress", "f8"),  # s along the path
-            ("position", "f8", n),  # rad, measured in the cycle that ended it
-            ("command", "f8", n),  # rad, commanded in that cycle
+            ("position", "f8", n),  # rad, measured in the cycle of the last change of state
+            ("command", "f8", n),  # rad, what was written in that cycle
         ],
         align=True,
     )

@@ -172,6 +172,7 @@ def _place(runtime: Path | None) -> Runtime:
 
 def _serve(processes: list[Child], runtime: Runtime, port: int | None) -> None:
     """Run the service until SIGINT or SIGTERM."""
+    typer.echo(f"starting {', '.join(child.name for child in processes)}")
     supervisor = Supervisor(
         processes,
         report=_Log(),

@@ -6,7 +6,6 @@ from daemon.actions import ActionTable, Refusal
 from daemon.exchange import Answer, Flag, Outcome
 from daemon.manager import ControllerManager
 from hal.hardware import Goal, Hardware
-from hal.joint import JointCommand
 
 ENABLING_TIME = 2.0
 """s of robot time after which drives that do not come to operation are given up"""
@@ -51,40 +50,40 @@ class Life:
             self._enabling_for = 0
         return None
 
-    def disable(self, last: JointCommand) -> None:
+    def disable(self) -> None:
         """Take every drive out of operation: brakes close."""
-        self._fall_to(Goal.INACTIVE, Outcome.CANCELLED, last)
+        self._fall_to(Goal.INACTIVE, Outcome.CANCELLED)
 
-    def stop(self, reason: str, last: JointCommand) -> None:
+    def stop(self, reason: str) -> None:
         """Operator stop: every drive quick-stops, and stays so until `clear_stop` and then `enable`."""
         if not self.stopped:
             self.stopped, self.stop_reason = True, reason
-        self._fall_to(Goal.QUICK_STOP, Outcome.STOPPED, last)
+        self._fall_to(Goal.QUICK_STOP, Outcome.STOPPED)
 
     def clear_stop(self) -> None:
         """Unlatch the operator stop. Nothing moves, drives stay as they are."""
         self.stopped, self.stop_reason = False, ""
 
-    def update(self, last: JointCommand) -> None:
+    def update(self) -> None:
         """Follow the drives: finish enabling, or quick-stop everything when one of them is lost."""
         if self._manager.enabled:
             lost = self._hardware.first_lost()
             if lost >= 0:
-                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, last, lost)
+                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, lost)
         elif self._enabling_for >= 0:
             self._enabling_for += 1
             if self._hardware.operational:
                 self._manager.enable()
                 self._enabling_for = -1
             elif self._enabling_for > self._patience:
-                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, last)
+                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT)
 
-    def quick_stop(self, last: JointCommand, joint: int) -> None:
+    def quick_stop(self, joint: int) -> None:
         """Something that must not happen has: there is no command for `joint` that could be written."""
-        self._fall_to(Goal.QUICK_STOP, Outcome.REFUSED_BY_LIMITS, last, joint)
+        self._fall_to(Goal.QUICK_STOP, Outcome.REFUSED_BY_LIMITS, joint)
 
-    def _fall_to(self, goal: Goal, outcome: Outcome, last: JointCommand, joint: int = -1) -> None:
+    def _fall_to(self, goal: Goal, outcome: Outcome, joint: int = -1) -> None:
         self._hardware.goal = goal
         self._enabling_for = -1
         self._manager.release_all()
-        self._actions.end_all(outcome, last, joint)
+        self._actions.end_all(outcome, joint)

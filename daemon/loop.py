@@ -43,7 +43,6 @@ from hal.joint import JointCommand, JointState
 from hal.realtime import RealTime, sleep_then_spin_until
 from handrail.config import ConfigError
 from handrail.robot import description as robots
-from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime
 
@@ -82,31 +81,34 @@ class Loop:
         self.orders = Orders(mailbox, exchange.frame_names(description), self.life, self.actions, self.holds)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(n, len(description.channels)))
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, self.manager, self.life, self.actions, self.orders)
-        self.cycles = self.time_ns = self.misses = self.limited = self.work_ns = self.late_ns = self._rang_ns = 0
+        self.time_ns = -self.period_ns
+        self.cycles = self.misses = self.limited = self.work_ns = self.late_ns = self._rang_ns = 0
         self.ending = False
 
     def cycle(self) -> None:
         """One period of the robot's time."""
         began = time.perf_counter_ns()
+        self.cycles += 1
         self.actions.cycle = self.cycles
         self.serve_stop()
         self.read_bus()
+        if self.lockstep:
+            began = time.perf_counter_ns()  # until here it waited for the plant: that is no work
         self.robot.update(self.written.position, self.written.velocity)
         self.orders.serve(self.written, self.time_ns)
-        self.life.update(self.written)
+        self.life.update()
         self.robot.estimate_forces(self.actions.force_frames())
         self.after_end(self.actions.check(self.written))
         command = self.run_controllers()
         self.hardware.write(command, self.cycles)
         self.work_ns = time.perf_counter_ns() - began
         self.publish()
-        self.cycles += 1
 
     def serve_stop(self) -> None:
         """The operator stop comes first, whatever else goes on."""
         for request in self.stop_socket.requests():
             if request.stop:
-                self.life.stop(request.reason, self.written)
+                self.life.stop(request.reason)
                 self.holds.release_all()  # the drives must hear of it: time goes on
             else:
                 self.life.clear_stop()
@@ -118,9 +120,9 @@ class Loop:
             self.serve_stop()
             if self.ending or time.monotonic() > gives_up:
                 self.hardware.give_up()
-                return
-        if self.lockstep:  # a plant's clock goes on while no daemon runs
-            self.time_ns = max(self.time_ns, self.hardware.bus_time_ns // self.period_ns * self.period_ns)
+                break
+        if self.lockstep:  # the plant's clock, which goes on while no daemon runs
+            self.time_ns = max(self.time_ns + self.period_ns, self.hardware.bus_time_ns // self.period_ns * self.period_ns)
 
     def run_controllers(self) -> JointCommand | None:
         """This cycle's command within the limits, or None where nobody commands the robot."""
@@ -131,7 +133,7 @@ class Loop:
                 wanted = self.manager.update(self.written)
             if (bad := first_not_finite(wanted)) < 0:
                 return self.within_limits(wanted)
-            self.life.quick_stop(self.written, bad)
+            self.life.quick_stop(bad)
         self.written.follow(self.hardware.state)
         self._commanding = False
         return None
@@ -181,7 +183,6 @@ class Loop:
         """Cycles as fast as the plant answers, robot time counted in periods."""
         while not self.ending:
             self.cycle()
-            self.time_ns += self.period_ns
             self.wait_while_held()
 
     def wait_while_held(self) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daemon.controllers.base import Controller, Gains
+from daemon.controllers.base import Array, Controller, Gains
 from daemon.controllers.hold import Hold
 from daemon.exchange import CONTROLLERS
 from daemon.references import fade
@@ -41,6 +41,7 @@ class ControllerManager:
         """this cycle's set-points, before the final limits"""
         self.claims = np.zeros(n, np.uint8)
         """(n,) index into daemon.exchange.CONTROLLERS of each joint's controller; 0: none"""
+        self._rated_torque = robot.kinematics.description.torque_limit
         self._offset = np.zeros(n)
         self._since_switch = np.full(n, np.inf)
         self._switched = np.zeros(n, bool)
@@ -53,7 +54,6 @@ class ControllerManager:
     def enable(self) -> None:
         """Hold every joint where it is measured, from this cycle on: the drives have just come to life."""
         hold = Hold(np.arange(len(self.claims)), self.gains, self.robot.joints.position)
-        hold.activate(self.robot, self.command)
         # There is no torque to continue from: the brakes carried the robot until now.
         self._since_switch[:] = np.inf
         self._set([hold])
@@ -74,11 +74,11 @@ class ControllerManager:
             if not free[controller.joints].all():
                 raise ClaimError(int(controller.joints[int(np.argmin(free[controller.joints]))]))
             free[controller.joints] = False
+        # A joint that was held goes on being held at the same command: to its drive nothing happens.
         was_held = self.claims == CONTROLLERS.index(Hold.name)
         fresh: list[Controller] = list(come)
         if free.any():
-            # A joint that was held goes on being held at the same command: to the drive nothing happens.
-            fresh.append(Hold(np.flatnonzero(free), self.gains))
+            fresh.append(Hold(np.flatnonzero(free), self.gains, self._hold_position(last)))
         for controller in fresh:
             controller.activate(self.robot, last)
             self._switched[controller.joints] = True
@@ -104,6 +104,17 @@ class ControllerManager:
             self.command.torque[joint] += self._offset[joint] * fade(self._since_switch[joint], FADE)
         self._since_switch += self.robot.period
         return self.command
+
+    def _hold_position(self, last: JointCommand) -> Array:
+        """(n,) rad where to hold joints: where they were commanded to be.
+
+        One that comes from a softer controller may be far from its command: it is held no further from where it is than half
+        of its rated torque bends its spring.
+        """
+        measured, stiffness = self.robot.joints.position, self.gains.stiffness
+        reach = 0.5 * self._rated_torque / stiffness
+        within_reach = np.clip(last.position, measured - reach, measured + reach)
+        return np.where(last.stiffness < 0.5 * stiffness, within_reach, last.position)
 
     def _set(self, active: list[Controller]) -> None:
         self.active = active

@@ -47,7 +47,7 @@ class Orders:
             case Kind.ENABLE:
                 return life.enable()
             case Kind.DISABLE:
-                life.disable(last)
+                life.disable()
             case Kind.START:
                 # Whatever becomes of the start, its owner has done its thinking.
                 self._holds.release(command.owner)

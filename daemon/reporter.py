@@ -99,6 +99,12 @@ class Reporter:
             self._journal.ended(started.serial)
             yield _ended(started, why, time_ns, cycle)
 
+    def latched(self) -> str | None:
+        """Why the operator stop is latched, as the loop told last, even if it has died since; None: it is not."""
+        if self.snapshot is None or Flag.STOPPED not in Flag(int(self.snapshot["flags"])):
+            return None
+        return _text(self.snapshot["stop_reason"])
+
     def running_owners(self) -> set[int]:
         """Numbers of the owners of actions that run or are paused."""
         if self.snapshot is None or not self.alive:
@@ -129,13 +135,13 @@ class Reporter:
         """The daemon's status now. `processes`: health of the service's processes, as its supervisor tells it."""
         joints = self._description.joints
         if self.snapshot is None or not self.alive:
-            stopped = self.snapshot is not None and bool(Flag(int(self.snapshot["flags"])) & Flag.STOPPED)
+            latched = self.latched()
             return DaemonStatus(
                 time_ns=0 if self.snapshot is None else int(self.snapshot["time_ns"]),
                 clock=self._clock,
                 enabled=False,
-                stopped=stopped,
-                stop_reason=_text(self.snapshot["stop_reason"]) if stopped and self.snapshot is not None else "",
+                stopped=latched is not None,
+                stop_reason=latched or "",
                 drives=[DriveStatus(joint=joint, state="unknown") for joint in joints],
                 controllers={},
                 loop=LoopStatistics(),

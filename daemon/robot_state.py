@@ -16,8 +16,8 @@ from handrail.robot.kinematics import Kinematics
 Array = NDArray[np.float64]
 
 _FORCE_CUTOFF_HZ = 30.0
-_FORCE_DAMPING = 0.05
-"""m: lever below which a direction counts as one that the joints can't feel"""
+_TORQUE_NOISE, _LARGEST_FORCE = 0.005, 100.0
+"""What the damping weighs against each other: errors of the torques, as a share of each joint's rated torque; N to be expected"""
 
 
 class FramePose(NamedTuple):
@@ -127,7 +127,7 @@ class RobotState:
 
 @numba.njit(cache=True)
 def _least_squares_force(jacobian, rows, residual, weight):  # type: ignore[no-untyped-def]
-    """argmin over F (3,) of Σ_j (w_j (Jᵀ F − residual)_j)² + (damping · max w)² |F|²; Cramer's rule on the normal matrix."""
+    """argmin over F (3,) of Σ_j (w_j (Jᵀ F − residual)_j)² + (noise |F| / largest)²; Cramer's rule on the normal matrix."""
     a = np.zeros((3, 3))
     b = np.zeros(3)
     for j in range(rows.shape[0]):
@@ -137,9 +137,8 @@ def _least_squares_force(jacobian, rows, residual, weight):  # type: ignore[no-u
             b[r] += wj * residual[j]
             for c in range(3):
                 a[r, c] += wj * jacobian[c, rows[j]]
-    damping = (_FORCE_DAMPING * weight.max()) ** 2
     for r in range(3):
-        a[r, r] += damping
+        a[r, r] += (_TORQUE_NOISE / _LARGEST_FORCE) ** 2
     determinant = np.dot(a[0], np.cross(a[1], a[2]))
     force = np.empty(3)
     force[0] = np.dot(b, np.cross(a[1], a[2])) / determinant

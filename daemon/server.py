@@ -31,7 +31,7 @@ from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
-from handrail.stop import NoAnswer, clear_stop, stop_now
+from handrail.stop import NoAnswer, clear_stop, leave, stop_now
 from handrail.topics import Publisher, RefusedError, Service, refuse
 
 _ANSWER_TIMEOUT_S = 1.0
@@ -126,6 +126,7 @@ class Server:
         if self._ring.generation != self._generation:
             if self._generation:
                 self._lose_loop("the daemon's loop was started anew")
+                self._latch_stop_again()
             self._generation = self._ring.generation
         for message in self._reporter.follow(snapshots):
             self._publisher.send(message)
@@ -137,6 +138,11 @@ class Server:
     def _lose_loop(self, why: str) -> None:
         for event in self._reporter.lose_loop(why):
             self._publisher.send(event)
+
+    def _latch_stop_again(self) -> None:
+        """An operator stop that was latched when the loop died is latched in the new one too."""
+        if (reason := self._reporter.latched()) is not None:
+            leave(self._runtime.stop, f"STOP {reason}".rstrip())
 
     def _watch(self, now: float) -> None:
         if not self._loop_bell.ring() and self._reporter.alive:

@@ -100,7 +100,7 @@ class SnapshotWriter:
         ):
             scalars[name][...] = value
         self._record["holds"][:] = holding + [0] * (MAX_HOLDS - len(holding))
-        changed = self._write_actions(time_ns)
+        changed = self._write_actions(written, time_ns)
         news = (int(flags), self._life.stop_reason, self._orders.answered, tuple(holding), changed)
         if news[1] != (self._news[1] if self._news else None):
             scalars["stop_reason"][...] = _truncated(self._life.stop_reason, self._record.dtype["stop_reason"].itemsize)
@@ -109,7 +109,7 @@ class SnapshotWriter:
         self._ring.publish()
         return happened
 
-    def _write_actions(self, time_ns: int) -> bool:
+    def _write_actions(self, written: JointCommand, time_ns: int) -> bool:
         changed = False
         for number, action in enumerate(self._actions.slots):
             if action is None:
@@ -121,6 +121,7 @@ class SnapshotWriter:
             if mark != self._written[number]:
                 self._written[number] = mark
                 _fill(row, action, time_ns)
+                row["position"], row["command"] = self._robot.joints.position, written.position
                 changed = True
         return changed
 
@@ -139,8 +140,6 @@ def _fill(row: object, action: Action, time_ns: int) -> None:
     }
     for name, value in values.items():
         row[name] = value  # type: ignore[index]
-    if len(action.position):
-        row["position"], row["command"] = action.position, action.command  # type: ignore[index]
 
 
 def _truncated(text: str, size: int) -> bytes:

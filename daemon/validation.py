@@ -46,6 +46,8 @@ def check_start(
     the mailbox, in numbers.
     """
     _check_state(snapshot)
+    if not 0 <= message.expires_ns < 1 << 63:
+        raise refuse("no time of the robot's clock", "expires_ns", message.expires_ns, "0 to 2⁶³ − 1 ns")
     if 0 < message.expires_ns < int(snapshot["time_ns"]):
         late = (int(snapshot["time_ns"]) - message.expires_ns) / 1e9
         raise refuse("the command has expired", "expires_ns", f"{late:.3f} s ago", "a time to come, or 0")

@@ -67,14 +67,11 @@ class DaemonClient:
         self._runtime, self._joints, self._log = runtime, joints, log
         self._lock = threading.Lock()
         self._watches: dict[str, ActionWatch] = {}
-        self._position: np.ndarray | None = None
         self._command: np.ndarray | None = None
         self._cycle = -1
         self._time_ns = 0
         self._last_heard = -float("inf")
-        self._restarts = 0
-        self.status: DaemonStatus | None = None
-        """the latest one"""
+        self._status: DaemonStatus | None = None
         self._own = threading.local()
         self._closing = threading.Event()
         self._threads = [
@@ -112,10 +109,9 @@ class DaemonClient:
         """Whether anything was heard of the daemon within the last seconds of wall time."""
         return time.monotonic() - self._last_heard < _SILENT_S
 
-    @property
-    def restarts(self) -> int:
-        """How often the daemon was seen to begin anew."""
-        return self._restarts
+    def running_action(self) -> str:
+        """Id of the action that the daemon says it runs, empty when there is none."""
+        return self._status.action if self._status else ""
 
     @property
     def time_ns(self) -> int:
@@ -126,11 +122,6 @@ class DaemonClient:
         """rad (n,), what the robot was last commanded; None before the first state came."""
         with self._lock:
             return None if self._command is None else self._command.copy()
-
-    def position(self) -> np.ndarray | None:
-        """rad (n,), as last measured; None before the first state came."""
-        with self._lock:
-            return None if self._position is None else self._position.copy()
 
     def watch(self, action: str) -> ActionWatch:
         """Listen for an action's events; a context manager."""
@@ -166,16 +157,15 @@ class DaemonClient:
     def _take(self, message: RobotState | DaemonStatus | ActionEvent) -> None:
         self._last_heard = time.monotonic()
         if isinstance(message, DaemonStatus):
-            self.status = message
+            self._status = message
             return
         with self._lock:
             if message.time_ns < self._time_ns - 1_000_000_000:
-                # The clock went back: another daemon. What was running is over.
-                self._restarts += 1
+                # The clock went back: another daemon, which counts from the beginning.
                 self._cycle = -1
-            if message.cycle >= self._cycle and len(message.position) == len(message.command) == self._joints:
+            if message.cycle >= self._cycle and len(message.command) == self._joints:
                 self._cycle, self._time_ns = message.cycle, message.time_ns
-                self._position, self._command = np.array(message.position), np.array(message.command)
+                self._command = np.array(message.command)
             watch = self._watches.get(message.id) if isinstance(message, ActionEvent) else None
         if watch is not None and isinstance(message, ActionEvent):
             watch.tell(message)

@@ -75,5 +75,8 @@ def _fitting(resource: Resource, description: RobotDescription, affordances: Aff
 
 
 def _listed(resource: Resource, fitting: list[str]) -> str:
-    kind = f"{resource.template} instance" if resource.template else resource.kind
-    return f"one of: {', '.join(fitting)}" if fitting else f"an {kind}; there is none, place one first"
+    if fitting:
+        return f"one of: {', '.join(fitting)}"
+    if resource.kind == "arm":
+        return "an arm; this robot has none"
+    return f"an instance of {resource.template or 'any template'}; there is none, place one first"

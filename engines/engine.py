@@ -75,7 +75,7 @@ class Engine:
             m.GetPlan: lambda call: plans.preview(plans.get(call.id)),
             m.MakePlan: self._make_plan,
             m.ExecutePlan: self._execute_plan,
-            m.ListLibrary: lambda call: library.listing(),
+            m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
             m.Deploy: self._deploy,
             m.Run: self._start,
             m.PauseRun: lambda call: self._running().pause(),

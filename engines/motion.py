@@ -34,6 +34,7 @@ _REASONS = {
     "cancelled": "it was cancelled",
 }
 _LISTEN_S = 0.5
+_UNKNOWN_LIMIT = 4
 
 
 class MotionFailed(Exception):
@@ -72,7 +73,7 @@ class Motion:
         self._count += 1
         action = f"{OWNER}-{self._name}-{self._count}"
         with self._daemon.watch(action) as watch:
-            restarts = self._daemon.restarts
+            unknown = 0
             hold = self._hold_after_s
             message = StartAction(id=action, owner=OWNER, motion=motion, ends=list(ends), hold_after_s=hold)
             self._start(message, cancelled, what)
@@ -81,7 +82,9 @@ class Motion:
                     event = watch.next(_LISTEN_S)
                     if event is not None and event.state == "ended":
                         break
-                    if not self._daemon.alive() or self._daemon.restarts != restarts:
+                    # A daemon that was started anew knows nothing of the action, and will never tell that it ended.
+                    unknown = unknown + 1 if event is None and self._daemon.running_action() != action else 0
+                    if not self._daemon.alive() or unknown >= _UNKNOWN_LIMIT:
                         raise MotionFailed("daemon_lost", f"{what}: the daemon has gone silent or was started anew")
             finally:
                 with self._gate:

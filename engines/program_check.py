@@ -36,9 +36,10 @@ def check(program: Program) -> None:
     states = _states_by_id(program)
     for state in program.states():
         _check_shape(program, state)
+        _check_activity(program, state)
+    for state in program.states():
         for transition in (*state.transitions, *(t for each in state.history.values() for t in each)):
             _check_transition(program, state, transition, states)
-        _check_activity(program, state)
         _check_ways_out(program, state)
     if not any(state.file.final for state in program.roots):
         raise program.document.error("states", "no final state; expected at least one, with `outcome: succeeded`")

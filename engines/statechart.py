@@ -10,6 +10,7 @@ import logging
 import queue
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 from statemachine.invoke import InvokeContext
@@ -59,6 +60,8 @@ class Chart(Interpreter):
         super().__init__(reader=YAMLReader(), evaluator=ProgramEvaluator())
         self.program, self._make = program, make
         self.data = ProgramData({**CONSTANTS, **names})
+        # What expressions are evaluated over; the machine itself does not exist yet when its first activities begin.
+        self._names = SimpleNamespace(model=self.data)
         self._by_id = {state.id: state for state in program.states()}
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self.process_definition(native_dict_to_definition(_native(program)), location=program.name)
@@ -85,8 +88,9 @@ class Chart(Interpreter):
 
     def active(self) -> list[str]:
         """Ids of the active states, outermost first."""
-        states = sorted(self._machine.configuration, key=lambda s: (len(list(s.ancestors())), s.document_order))
-        return [state.id for state in states]
+        active = {state.id for state in self._machine.configuration}
+        states = [state for state in self._by_id.values() if state.id in active]
+        return [state.id for state in sorted(states, key=lambda state: len(list(state.lineage())))]
 
     def variables(self) -> dict[str, Any]:
         """The program's variables as they stand."""
@@ -153,7 +157,7 @@ class Chart(Interpreter):
     def _value(self, expression: Any) -> Any:
         if not isinstance(expression, str):
             return expression
-        return self._evaluator.compile_value(expression)(machine=self._machine)
+        return self._evaluator.compile_value(expression)(machine=self._names)
 
 
 class _ActivityInvoker:

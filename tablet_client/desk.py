@@ -29,7 +29,7 @@ _COMMANDS: dict[str, Callable[[], Message]] = {
     "resume": ResumeRun,
     "stop_run": StopRun,
 }
-_ROLES = ("clock", "level", "code", "arguments")
+_ROLES = ("clock", "level", "code", "details")
 _FIRST = Qt.ItemDataRole.UserRole.value
 
 

@@ -15,9 +15,11 @@ _SPRING_REACH = 0.10
 """m: the spring pulls no harder than at this distance"""
 _SPRING_TURN = 0.5
 """rad: likewise"""
-_FOLLOW_RATE = 5.0
+_FOLLOW_RATE = 20.0
 """1/s at which the commanded joints close in on the commanded frame"""
 _JACOBIAN_DAMPING = 0.05
+_LOOK_AHEAD = 0.02
+"""s: a joint that would be at its limit then stands"""
 
 
 class CartesianImpedance(MotionController):
@@ -55,13 +57,11 @@ class CartesianImpedance(MotionController):
         rotation, translation, linear, angular = self._line.evaluate(self.clock.s)
         measured, commanded = robot.frame(self._frame), robot.commanded_frame(self._frame)
         jacobian = robot.jacobian(self._frame)[:, self.joints]
-        normal = jacobian @ jacobian.T
-        normal.flat[::7] += _JACOBIAN_DAMPING**2
-        inverse = np.linalg.solve(normal, jacobian).T
+        inverse = _damped_inverse(jacobian)
 
         twist = np.concatenate((linear, angular)) * self.clock.rate
         drift = _pose_error(rotation, translation, commanded.rotation, commanded.translation)
-        velocity = inverse @ (twist + _FOLLOW_RATE * drift)
+        velocity = self._within_limits(jacobian, inverse, twist + _FOLLOW_RATE * drift, robot)
         self._position += velocity * robot.period
 
         error = _pose_error(rotation, translation, measured.rotation, measured.translation)
@@ -72,6 +72,26 @@ class CartesianImpedance(MotionController):
         posture -= jacobian.T @ (inverse.T @ posture)
         out.torque[rows] += jacobian.T @ wrench + posture
         out.stiffness[rows] = 0.0
+
+    def _within_limits(self, jacobian: Array, inverse: Array, twist: Array, robot: RobotState) -> Array:
+        """Joint velocities (m,) rad/s for a twist (6,); a joint that would run into its limit stands, the others take over."""
+        description, rows = robot.kinematics.description, self.joints
+        velocity = inverse @ twist
+        ahead = self._position + velocity * _LOOK_AHEAD
+        blocked = ((ahead < description.lower[rows]) & (velocity < 0)) | (
+            (ahead > description.upper[rows]) & (velocity > 0)
+        )
+        if blocked.any():
+            velocity = _damped_inverse(np.where(blocked, 0.0, jacobian)) @ twist
+        most = description.velocity_limit[rows]
+        return np.clip(velocity, -most, most)
+
+
+def _damped_inverse(jacobian: Array) -> Array:
+    """Jᵀ (J Jᵀ + λ² I)⁻¹, (m, 6)."""
+    normal = jacobian @ jacobian.T
+    normal.flat[::7] += _JACOBIAN_DAMPING**2
+    return np.asarray(np.linalg.solve(normal, jacobian).T, np.float64)
 
 
 def _pose_error(rotation_to: Array, translation_to: Array, rotation: Array, translation: Array) -> Array:

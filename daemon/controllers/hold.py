@@ -1,4 +1,4 @@
-"""Holds joints where they were commanded to be."""
+"""Holds joints in a posture."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from hal.joint import JointCommand
 
 
 class Hold(Controller):
-    """Joint impedance about one posture: the command that it takes over, or a posture given (the measured one, on enabling)."""
+    """Joint impedance about one posture, with the model's gravity torque."""
 
     name = "hold"
 
-    def __init__(self, joints: NDArray[np.int64], gains: Gains, position: NDArray[np.float64] | None = None):
-        """`position`: (n,) rad of all joints, of which `joints` are held; None: where they were last commanded to be."""
+    def __init__(self, joints: NDArray[np.int64], gains: Gains, position: NDArray[np.float64]):
+        """`position`: (n,) rad of all the robot's joints, of which `joints` are held."""
         super().__init__(joints, gains)
-        self._given = None if position is None else position[joints].copy()
-        self._position = self._still = np.zeros(len(joints))
+        self._position = position[joints]
+        self._still = np.zeros(len(joints))
 
     def activate(self, robot: RobotState, last: JointCommand) -> None:
-        self._position = last.position[self.joints].copy() if self._given is None else self._given
+        """Nothing to take over: the posture was given."""
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
         self.write_impedance(robot, out, self._position, self._still)

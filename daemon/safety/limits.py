@@ -1,8 +1,8 @@
 """The last word on what is about to be written: position, velocity, torque and torque rate, against the previous command.
 
 Pure functions on arrays; nothing here knows controllers or buses. The torque that counts is the one that the drive makes of a
-set-point, τ + K (q_d − q) + D (q̇_d − q̇): what is limited is how fast the *command* changes it, at the state measured now, so a
-step of any of the five set-point arrays is caught, and the plant's own motion is not.
+set-point, τ + K (q_d − q) + D (q̇_d − q̇): its size is limited, and how fast the *command* changes it at the state measured now,
+so a step of any of the five set-point arrays is caught, and the robot's own motion is not.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def first_not_finite(command: JointCommand) -> int:
 def enforce(command: JointCommand, previous: JointCommand, state: JointState, limits: Limits) -> int:
     """Bring `command` (finite) within the limits, in place. Returns a count of the joints that had to be changed.
 
-    A position already outside its limits may come back but not go further out. The torque rate is judged after the other
-    set-points have been cut; where the torque's own limit contradicts it, that limit wins.
+    A position already outside its limits may come back but not go further out. Torque and torque rate are judged after the
+    other set-points have been cut, and kept by the feed-forward torque; where they contradict each other, torque wins.
     """
     return int(
         _enforce(
@@ -108,17 +108,21 @@ def _enforce(q, v, t, k, d, q0, v0, t0, k0, d0, qm, vm, lower, upper, vmax, tmax
     changed = 0
     for j in range(q.shape[0]):
         reach = vmax[j] * dt * (1.0 + 1e-9)
-        position = min(max(q[j], q0[j] - reach), q0[j] + reach)
+        # Towards where the joint is, a command may jump: that lets a spring go, as fast as the torque rate below allows.
+        position = min(max(q[j], min(q0[j], qm[j]) - reach), max(q0[j], qm[j]) + reach)
         position = min(max(position, min(lower[j], q0[j])), max(upper[j], q0[j]))
         velocity = min(max(v[j], -vmax[j]), vmax[j])
         stiffness, damping = max(k[j], 0.0), max(d[j], 0.0)
-        # What the drive makes of the previous and of this set-point, were this joint's feed-forward zero.
+        # What the drive makes of the previous set-points, and of these but for the feed-forward torque.
         before = t0[j] + k0[j] * (q0[j] - qm[j]) + d0[j] * (v0[j] - vm[j])
         spring = stiffness * (position - qm[j]) + damping * (velocity - vm[j])
-        torque = min(max(t[j] + spring, before - step[j]), before + step[j]) - spring
-        torque = min(max(torque, -tmax[j]), tmax[j])
-        moved = abs(position - q[j]) > 1e-12 or abs(velocity - v[j]) > 1e-12 or abs(torque - t[j]) > 1e-9
-        if moved or stiffness != k[j] or damping != d[j]:
+        low, high = max(before - step[j], -tmax[j]), min(before + step[j], tmax[j])
+        torque = t[j]
+        if torque + spring > max(high, -tmax[j]):
+            torque = max(high, -tmax[j]) - spring
+        elif torque + spring < min(low, tmax[j]):
+            torque = min(low, tmax[j]) - spring
+        if position != q[j] or velocity != v[j] or torque != t[j] or stiffness != k[j] or damping != d[j]:
             changed += 1
         q[j], v[j], t[j], k[j], d[j] = position, velocity, torque, stiffness, damping
     return changed

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.assessment import Assessor
-from engines.planning.branch import Branch, BranchSearch
 from engines.planning.collision import CollisionScene, RobotBodies
-from engines.planning.ik import TipSolver, starts
+from engines.planning.ik import TipSolver
 from engines.planning.obstacles import obstacles_of
-from engines.planning.path import Leg, PathBuilder
-from engines.planning.plan import Infeasible, Plan, Segment
+from engines.planning.path import Leg
+from engines.planning.plan import Plan, Segment
+from engines.planning.stroke import Stroke
 from engines.planning.timing import Limits, parametrise
 from engines.planning.visit import Visit
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
@@ -29,7 +29,14 @@ VELOCITY_SHARE = 0.7
 """of the velocity limits that a plan uses"""
 _TORQUE_SHARE = 0.15
 """of the torque limits that acceleration may take, joint by joint at the home posture"""
-_ARCS, _STARTS, _TRIES = 8, 10, 4
+
+
+def _never() -> bool:
+    return False
+
+
+def _quiet(_: str) -> None:
+    pass
 
 
 class ManipulationPlanner:
@@ -72,13 +79,16 @@ class ManipulationPlanner:
         :raises Cancelled: as asked
         :raises ValueError: no such arm or trajectory, or a position of wrong shape
         """
-        side = self._arm(arm)
-        position = self._position(position)
+        side, position = self._arm(arm), self._position(position)
         with self._lock:
-            return self._plan(
-                instance, trajectory, side, position, arc, entry_shift, cancelled or (lambda: False),
-                progress or (lambda _: None),
-            )  # fmt: skip
+            visit = Visit(instance, trajectory)
+            scene = CollisionScene(self._bodies, side, obstacles_of(instance))
+            assessor = Assessor(self._kinematics, side, scene, position)
+            stroke = Stroke(
+                visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or _never, progress or _quiet
+            )
+            legs, outputs = stroke.legs(arc, entry_shift)
+            return self._timed(legs, instance, visit, side, assessor, outputs)
 
     def _arm(self, name: str) -> Arm:
         if name not in self._description.arms:
@@ -91,65 +101,6 @@ class ManipulationPlanner:
         if position.shape != (n,) or not np.isfinite(position).all():
             raise ValueError(f"position: got shape {position.shape}, expected ({n},) of finite numbers")
         return position
-
-    def _plan(
-        self, instance: Instance, trajectory: str, arm: Arm, position: Array, arc: float | None, entry_shift: float,
-        cancelled: Callable[[], bool], progress: Callable[[str], None],
-    ) -> Plan:  # fmt: skip
-        visit = Visit(instance, trajectory)
-        scene = CollisionScene(self._bodies, arm, obstacles_of(instance))
-        assessor = Assessor(self._kinematics, arm, scene, position)
-        solver = self._solvers[arm.name]
-        failure: Infeasible | None = None
-
-        def built(posture: Array, begin: Callable[[PathBuilder], int], centre: float, entry: float) -> Plan:
-            builder = PathBuilder(visit, solver, assessor, posture, cancelled)
-            for waypoint in visit.trajectory.waypoints[begin(builder) :]:
-                progress(f"way to {waypoint.name}")
-                builder.go(waypoint, centre + visit.span / 2)
-            progress("timing")
-            outputs = {"entry_angle": entry, "end_angle": centre + visit.span / 2, "arc_centre": centre}
-            return self._timed(builder.legs, instance, visit, arm, assessor, outputs if visit.entry else {})
-
-        if arc is not None:
-            angle = _beside(visit, solver, assessor.start, arc)
-            if angle is not None:
-                entry = visit.entry_angle(arc, entry_shift)
-
-                def at_object(builder: PathBuilder) -> int:
-                    builder.begin_return(angle, entry)
-                    return visit.trajectory.waypoints.index(visit.standoff) + 1
-
-                progress("return to the entry")
-                try:
-                    return built(assessor.start, at_object, arc, entry)
-                except Infeasible as problem:
-                    failure = problem  # the branch does not carry on: try to come in anew
-        progress("arc and posture")
-        arcs = visit.arc_centres(_ARCS) if arc is None else np.array([arc])
-        home = self._home[assessor.rows]
-        near = [home, assessor.start] if arc is None else [assessor.start, home]
-        tries = BranchSearch(visit, solver, assessor, cancelled).ranked(
-            arcs, starts(near, solver.lower, solver.upper, _STARTS)
-        )
-        for branch in tries[:_TRIES]:
-            if branch.failure is not None:
-                failure = failure or branch.failure
-                continue
-            try:
-                entry = visit.entry_angle(branch.arc, entry_shift)
-
-                def from_afar(builder: PathBuilder, branch: Branch = branch, entry: float = entry) -> int:
-                    if visit.trajectory.waypoints[0].approach != "free":
-                        return 0
-                    builder.begin_free(branch, entry)
-                    return 1
-
-                return built(branch.posture, from_afar, branch.arc, entry)
-            except Infeasible as problem:
-                failure = failure or problem
-        assert failure is not None  # every way out above either returned or failed
-        raise failure
 
     def _timed(
         self, legs: list[Leg], instance: Instance, visit: Visit, arm: Arm, assessor: Assessor,
@@ -190,18 +141,3 @@ class ManipulationPlanner:
             return ends, None
         gain, limit = waypoint.path_force
         return ends, PathForce(frame=arm.tip, gain=gain, limit=limit)
-
-
-_BESIDE = 0.02
-"""m: so close to the circle on which the trajectory runs the tool counts as being at the object"""
-
-
-def _beside(visit: Visit, solver: TipSolver, start: Array, arc: float) -> float | None:
-    """The tool's angle about the joint when it is at the standoff or deeper, on the arc's side; None when it is elsewhere."""
-    if visit.joint is None:
-        return None
-    angle, radius, depth, tilt = visit.local(*solver.tip(start))
-    _, wanted, standoff, _ = visit.local(*visit.tip(visit.standoff, arc))
-    angle = arc + (angle - arc + np.pi) % (2 * np.pi) - np.pi
-    on_circle = abs(radius - wanted) < _BESIDE and standoff - _BESIDE < depth < _BESIDE and tilt < 0.2
-    return angle if on_circle and abs(angle - arc) < visit.span / 2 + 0.3 else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +40,7 @@ class Leg:
     waypoint: ResolvedWaypoint | None
     """None: a leg that no waypoint asks for (back to the standoff, return)"""
     clearance: float
-    """m, the smallest, the tool left out where it may touch"""
+    """m, the smallest from the object (the tool left out where it may touch) and of the robot from itself"""
     limit_margin: float
     """rad"""
 
@@ -69,7 +69,7 @@ class PathBuilder:
         first = visit.trajectory.waypoints[0]
         back = [visit.turned(visit.contact, branch.arc, entry, _ARC_SPACING)]
         here = visit.tip(visit.contact, entry)
-        depth = visit.trajectory.waypoints.index(visit.contact)
+        depth = visit.index(visit.contact)
         for waypoint in reversed(visit.trajectory.waypoints[:depth]):
             there = visit.tip(waypoint, entry)
             back.append(visit.straight(here, there, _LINE_SPACING))
@@ -130,8 +130,8 @@ class PathBuilder:
                 "straight there": np.linspace(self.q, goal, 40),
             }
             for words, q in ways.items():
-                found = self._assessor.clearances(q, tool_may_touch=False)
-                self._refuse(*_distances(found), f"{waypoint.name}, no free way, {words}")
+                distances, between = _distances(self._assessor.clearances(q, tool_may_touch=False))
+                self._refuse(distances, f"{waypoint.name}, no free way, {words}", between)
             raise Infeasible("free way", 0.0, "m", waypoint.name, "was not found")
         tips = self._solver.tips(path)[0]
         length = float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
@@ -165,8 +165,8 @@ class PathBuilder:
         self._check()
         distances, between = _distances(self._assessor.clearances(path, tool_may_touch=may_touch))
         margin = self._assessor.limit_margin(path)
-        self._refuse({**distances, constraints.LIMIT_MARGIN: margin}, between, name)
-        self.legs.append(Leg(name, path, duration, waypoint, distances[constraints.CLEARANCE], margin))
+        self._refuse({**distances, constraints.LIMIT_MARGIN: margin}, name, between)
+        self.legs.append(Leg(name, path, duration, waypoint, min(distances.values()), margin))
         self.q = path[-1]
 
     def _check(self) -> None:
@@ -174,9 +174,8 @@ class PathBuilder:
             raise Cancelled("planning was cancelled")
 
     @staticmethod
-    def _refuse(measures: constraints.Measures, *where: object) -> None:
-        detail = where[0] if isinstance(where[0], dict) else None
-        failure = constraints.worst(measures, str(where[-1]), detail)
+    def _refuse(measures: constraints.Measures, where: str, detail: Mapping[Constraint, str] | None = None) -> None:
+        failure = constraints.worst(measures, where, detail)
         if failure is not None:
             raise failure
 

@@ -74,7 +74,7 @@ class Plan:
     start: Array
     """(m,) rad, where the robot must be commanded to be"""
     clearance: float
-    """m, the smallest along the plan, the tool where it may touch left out"""
+    """m, the smallest along the plan: from the object (the tool left out where it may touch) and of the robot from itself"""
     limit_margin: float
     """rad, the smallest distance to a joint's limit"""
     outputs: Mapping[str, float] = field(default_factory=dict)

@@ -100,6 +100,10 @@ class Visit:
                 stations.append(waypoint)
         return stations
 
+    def index(self, waypoint: ResolvedWaypoint) -> int:
+        """The waypoint's place in the trajectory."""
+        return next(i for i, one in enumerate(self.trajectory.waypoints) if one is waypoint)
+
     def may_touch(self, waypoint: ResolvedWaypoint) -> bool:
         """True from the first waypoint that makes contact (guarded or along a joint) to the end of the trajectory."""
         for one in self.trajectory.waypoints:

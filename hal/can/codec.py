@@ -207,36 +207,39 @@ def _put_big_endian(words, first, start, length, raw):
         left, position = left - take, position + take
 
 
-@njit(cache=True)
-def to_raw(value, scale):
-    """The raw integer of a finite physical value, saturated; `scale` is a row of MessageLayout.scales."""
-    raw = np.rint((value - scale[OFFSET]) / scale[SCALE])
-    return np.int64(min(max(raw, scale[LOW]), scale[HIGH]))
+# The kernels below take the table and a row of it, not the row: a slice costs reference counting.
 
 
 @njit(cache=True)
-def put_raw(words, first, place, raw):
-    """Write a raw integer (int64, in range) where `place`, a row of MessageLayout.places, says; little-endian only."""
-    length = place[LENGTH]
+def to_raw(value, scales, row):
+    """The raw integer of a finite physical value, saturated, by a row of MessageLayout.scales."""
+    raw = np.rint((value - scales[row, OFFSET]) / scales[row, SCALE])
+    return np.int64(min(max(raw, scales[row, LOW]), scales[row, HIGH]))
+
+
+@njit(cache=True)
+def put_raw(words, first, places, row, raw):
+    """Write a raw integer (int64, in range) where a row of MessageLayout.places says; little-endian only."""
+    length = places[row, LENGTH]
     bits = np.uint64(raw)
     if length < 64:
         bits &= (np.uint64(1) << np.uint64(length)) - np.uint64(1)
-    put_bits(words, first, place[START], length, bits)
+    put_bits(words, first, places[row, START], length, bits)
 
 
 @njit(cache=True)
-def sign_extended(raw, place):
+def sign_extended(raw, places, row):
     """Raw bits (uint64) as the integer that they mean."""
-    if place[KIND] & SIGNED:
-        shift = 64 - place[LENGTH]
+    if places[row, KIND] & SIGNED:
+        shift = 64 - places[row, LENGTH]
         return np.int64(raw << np.uint64(shift)) >> shift
     return np.int64(raw)
 
 
 @njit(cache=True)
-def get_raw(words, first, place):
-    """The raw integer (int64) where `place` says; little-endian only."""
-    return sign_extended(get_bits(words, first, place[START], place[LENGTH]), place)
+def get_raw(words, first, places, row):
+    """The raw integer (int64) where a row of MessageLayout.places says; little-endian only."""
+    return sign_extended(get_bits(words, first, places[row, START], places[row, LENGTH]), places, row)
 
 
 @njit(cache=True)
@@ -249,21 +252,21 @@ def _encode(words, head, values, places, scales):
         for i in range(8):
             words[first + i] = np.uint64(0)
         for s in range(values.shape[1]):
-            value, place, scale = values[row, s], places[s], scales[s]
-            if place[KIND] & FLOAT:
-                scaled = (value - scale[OFFSET]) / scale[SCALE]
-                if place[LENGTH] == 32:
+            value, start, length, kind = values[row, s], places[s, START], places[s, LENGTH], places[s, KIND]
+            if kind & FLOAT:
+                scaled = (value - scales[s, OFFSET]) / scales[s, SCALE]
+                if length == 32:
                     bits = np.uint64(np.float32(scaled).view(np.uint32))
                 else:
                     bits = np.float64(scaled).view(np.uint64)
             else:
                 if not np.isfinite(value):
                     return row * values.shape[1] + s
-                bits = np.uint64(to_raw(value, scale)) & ((np.uint64(1) << np.uint64(place[LENGTH])) - np.uint64(1))
-            if place[KIND] & BIG_ENDIAN:
-                _put_big_endian(words, first, place[START], place[LENGTH], bits)
+                bits = np.uint64(to_raw(value, scales, s)) & ((np.uint64(1) << np.uint64(length)) - np.uint64(1))
+            if kind & BIG_ENDIAN:
+                _put_big_endian(words, first, start, length, bits)
             else:
-                put_bits(words, first, place[START], place[LENGTH], bits)
+                put_bits(words, first, start, length, bits)
     return -1
 
 
@@ -272,16 +275,16 @@ def _decode(words, out, places, scales):
     for row in range(out.shape[0]):
         first = WORDS * row + DATA
         for s in range(out.shape[1]):
-            place, scale = places[s], scales[s]
-            if place[KIND] & BIG_ENDIAN:
-                bits = _get_big_endian(words, first, place[START], place[LENGTH])
+            start, length, kind = places[s, START], places[s, LENGTH], places[s, KIND]
+            if kind & BIG_ENDIAN:
+                bits = _get_big_endian(words, first, start, length)
             else:
-                bits = get_bits(words, first, place[START], place[LENGTH])
-            if place[KIND] & FLOAT:
-                if place[LENGTH] == 32:
+                bits = get_bits(words, first, start, length)
+            if kind & FLOAT:
+                if length == 32:
                     raw = np.float64(np.uint32(bits).view(np.float32))
                 else:
                     raw = np.uint64(bits).view(np.float64)
             else:
-                raw = np.float64(sign_extended(bits, place))
-            out[row, s] = raw * scale[SCALE] + scale[OFFSET]
+                raw = np.float64(sign_extended(bits, places, s))
+            out[row, s] = raw * scales[s, SCALE] + scales[s, OFFSET]

@@ -18,9 +18,8 @@ import signal
 import socket
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -30,7 +29,8 @@ import numpy.typing as npt
 from hal.can import wire
 from hal.can.arbitration import admit, arbitrate, by_priority
 from hal.can.arbitration import select as select_records
-from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD, WORDS
+from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, WORDS
+from hal.can.node import Node
 from hal.can.timing import BusTiming, LoadMeter
 from handrail.runtime import Runtime
 
@@ -40,7 +40,7 @@ _TURN = 16
 """Datagrams that one poll takes from one node, so that a flood from one can't starve the others."""
 _QUEUE = 65536
 """Records that wait for one slow listener, about 5 MB."""
-_NODES = 64
+_MOST_NODES = 64
 """Processes on the bus, the hub's own drives (node 0) included."""
 
 
@@ -53,22 +53,6 @@ class ChannelStatistics:
     busy_ns: int
     load: float
     """share of the time in use over about the last second of the hub's clock; above 1: more than the bus can carry"""
-
-
-@dataclass
-class _Node:
-    """A process that joined."""
-
-    connection: socket.socket
-    number: int
-    greeted: bool = False
-    own_frames: bool = False
-    inbound: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(MAX_CHANNELS, -1, np.int64))
-    outbound: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(MAX_CHANNELS, -1, np.int64))
-    queue: deque[bytes] = field(default_factory=deque)
-    queued: int = 0
-    unsaid: int = 0
-    """records dropped that the listener has not been told of"""
 
 
 class Hub:
@@ -111,10 +95,10 @@ class Hub:
         self._records = self._ordered.view(RECORD)
         self._node, self._ordered_node = np.zeros(_CAPACITY, np.int64), np.zeros(_CAPACITY, np.int64)
         self._as_they_came, self._order = np.arange(_CAPACITY), np.zeros(_CAPACITY, np.int64)
-        self._heads, self._following = np.zeros((count, _NODES), np.int64), np.zeros(_CAPACITY, np.int64)
+        self._heads, self._following = np.zeros((count, _MOST_NODES), np.int64), np.zeros(_CAPACITY, np.int64)
         self._own = np.where(np.arange(MAX_CHANNELS) < count, np.arange(MAX_CHANNELS), -1)
         self._warm()
-        self._nodes: dict[int, _Node] = {}
+        self._nodes: dict[int, Node] = {}
         self._path = Path(path)
         self._listener = _listen(self._path)
         self._epoll = select.epoll()
@@ -159,8 +143,8 @@ class Hub:
                 if descriptor == self._listener.fileno():
                     self._accept()
                 elif (node := self._nodes.get(descriptor)) is not None:
-                    if event & select.EPOLLOUT:
-                        self._flush(node)
+                    if event & select.EPOLLOUT and not node.flush(self._clock):
+                        self._epoll.modify(node.connection, select.EPOLLIN)
                     if event & ~select.EPOLLOUT:
                         n = self._take(node, n)
             if n:
@@ -213,22 +197,24 @@ class Hub:
             connection, _ = self._listener.accept()
             wire.prepare(connection)
             taken = {node.number for node in self._nodes.values()}
-            number = next((i for i in range(1, _NODES) if i not in taken), None)
+            number = next((i for i in range(1, _MOST_NODES) if i not in taken), None)
             if number is None:
                 with contextlib.suppress(OSError):
-                    connection.send(wire.encode(wire.Sorry(reason=f"{_NODES - 1} processes are on the bus already")))
+                    connection.send(
+                        wire.encode(wire.Sorry(reason=f"{_MOST_NODES - 1} processes are on the bus already"))
+                    )
                 connection.close()
                 return
-            self._nodes[connection.fileno()] = _Node(connection, number)
+            self._nodes[connection.fileno()] = Node(connection, number, self._queue)
             self._epoll.register(connection, select.EPOLLIN)
 
-    def _part(self, node: _Node) -> None:
+    def _part(self, node: Node) -> None:
         self._nodes.pop(node.connection.fileno(), None)
         with contextlib.suppress(OSError):
             self._epoll.unregister(node.connection)
         node.connection.close()
 
-    def _take(self, node: _Node, n: int) -> int:
+    def _take(self, node: Node, n: int) -> int:
         """Read a node's datagrams behind the n records that are there; returns how many there are then."""
         for _ in range(_TURN):
             if n + wire.MAX_RECORDS > _CAPACITY:
@@ -254,7 +240,7 @@ class Hub:
             n += good
         return n
 
-    def _greet(self, node: _Node, datagram: bytes) -> bool:
+    def _greet(self, node: Node, datagram: bytes) -> bool:
         names = [channel.name for channel in self.channels]
         try:
             hello = wire.decode_hello(datagram)
@@ -288,45 +274,10 @@ class Hub:
             count = select_records(self._ordered, self._ordered_node, n, skip, node.outbound, self._selected)
             for start in range(0, count, wire.MAX_RECORDS):
                 stop = min(count, start + wire.MAX_RECORDS)
-                self._send(node, self._selected_bytes[BYTES * start : BYTES * stop], stop - start)
-
-    def _send(self, node: _Node, datagram: memoryview, count: int) -> None:
-        if not node.queue:
-            try:
-                node.connection.send(datagram)
-                return
-            except BlockingIOError:
-                self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
-            except OSError:
-                return  # it left; the next poll hears of it
-        if node.queued + count > self._queue:
-            node.unsaid += count
-            self.dropped += count
-            return
-        if node.unsaid:
-            self._note_loss(node)
-        node.queue.append(bytes(datagram))
-        node.queued += count
-
-    def _note_loss(self, node: _Node) -> None:
-        """Queue the notice where the frames are missing."""
-        notice = np.zeros(1, RECORD)
-        notice["flags"], notice["can_id"], notice["time_ns"] = LOST, node.unsaid, self._clock()
-        node.queue.append(notice.tobytes())
-        node.queued, node.unsaid = node.queued + 1, 0
-
-    def _flush(self, node: _Node) -> None:
-        try:
-            while node.queue:
-                node.connection.send(node.queue[0])
-                node.queued -= len(node.queue.popleft()) // BYTES
-                if node.unsaid and not node.queue:
-                    self._note_loss(node)
-        except BlockingIOError:
-            return
-        except OSError:
-            node.queue.clear()
-        self._epoll.modify(node.connection, select.EPOLLIN)
+                waits = node.waiting
+                self.dropped += node.send(self._selected_bytes[BYTES * start : BYTES * stop], self._clock)
+                if node.waiting and not waits:
+                    self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
 
 
 def _listen(path: Path) -> socket.socket:
@@ -338,7 +289,7 @@ def _listen(path: Path) -> socket.socket:
                     raise OSError(f"CAN hub: another hub listens at {path}; stop it, or use another runtime folder")
             path.unlink()  # left over from a hub that was killed
         listener.bind(os.fspath(path))
-        listener.listen(_NODES)
+        listener.listen(_MOST_NODES)
         listener.setblocking(False)
     except OSError:
         listener.close()

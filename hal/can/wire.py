@@ -21,6 +21,7 @@ MAX_RECORDS = 512
 """Records in one datagram."""
 MAX_BYTES = MAX_RECORDS * BYTES
 _SOCKET_BUFFER = 1 << 22
+_ANSWER_S = 1.0  # a hub that is there gets this long to answer, however short the caller waits for one to appear
 
 
 class BusLost(ConnectionError):
@@ -86,8 +87,9 @@ def join(
         connection.send(encode(Hello(channels=channels, own_frames=own_frames)))
         waiting = select.poll()
         waiting.register(connection, select.POLLIN)
-        if not waiting.poll(max(0.0, deadline - time.monotonic()) * 1000):
-            raise BusLost(f"CAN bus at {path}: the hub does not answer within {timeout_s:g} s")
+        patience = max(_ANSWER_S, deadline - time.monotonic())
+        if not waiting.poll(patience * 1000):
+            raise BusLost(f"CAN bus at {path}: its hub does not answer within {patience:.1f} s")
         answer = connection.recv(1 << 16)
     except OSError as error:
         connection.close()

@@ -57,22 +57,22 @@ def _begin(words, row, head):
 
 
 @njit(cache=True)
-def _sign(words, row, place):
+def _sign(words, row, places, crc):
     """Write the CRC over all bytes before it."""
     first = WORDS * row + DATA
-    put_raw(words, first, place, crc16(words, first, place[START] >> 3))
+    put_raw(words, first, places, crc, crc16(words, first, places[crc, START] >> 3))
 
 
 @njit(cache=True)
-def _valid(words, row, place):
+def _valid(words, row, places, crc):
     """Is this a CAN FD frame that is long enough, with the right CRC?"""
     head, first = words[WORDS * row + 1], WORDS * row + DATA
     if not (head >> np.uint64(40)) & np.uint64(FD):
         return False
-    size = place[START] >> 3
+    size = places[crc, START] >> 3
     if np.int64((head >> np.uint64(32)) & np.uint64(0xFF)) < size + 2:
         return False
-    return get_raw(words, first, place) == crc16(words, first, size)
+    return get_raw(words, first, places, crc) == crc16(words, first, size)
 
 
 @njit(cache=True)
@@ -92,14 +92,14 @@ def encode_commands(
                 if not math.isfinite(values[field]):
                     return -1 - (8 * joint + field)
             for field in range(3):
-                raw = to_raw(values[field], scales[row + field])
-                put_raw(words, first, places[row + field], raw)
-            put_raw(words, first, places[row + _STIFFNESS], log_raw(stiffness[joint], _STIFFNESS_LOW, _STIFFNESS_HIGH))
-            put_raw(words, first, places[row + _DAMPING], log_raw(damping[joint], _DAMPING_LOW, _DAMPING_HIGH))
-            put_raw(words, first, places[row + _MODE], np.int64(mode[joint]))
-        put_raw(words, first, places[_SEQUENCE], np.int64(sequence))
-        put_raw(words, first, places[_WATCHDOG], np.int64(watchdog))
-        _sign(words, limb, places[_CRC])
+                raw = to_raw(values[field], scales, row + field)
+                put_raw(words, first, places, row + field, raw)
+            put_raw(words, first, places, row + _STIFFNESS, log_raw(stiffness[joint], _STIFFNESS_LOW, _STIFFNESS_HIGH))
+            put_raw(words, first, places, row + _DAMPING, log_raw(damping[joint], _DAMPING_LOW, _DAMPING_HIGH))
+            put_raw(words, first, places, row + _MODE, np.int64(mode[joint]))
+        put_raw(words, first, places, _SEQUENCE, np.int64(sequence))
+        put_raw(words, first, places, _WATCHDOG, np.int64(watchdog))
+        _sign(words, limb, places, _CRC)
     return axis_joint.shape[0]
 
 
@@ -112,9 +112,9 @@ def encode_control(words, heads, axis_joint, controlwords, sequence, places, sca
         for axis in range(AXES):
             joint = axis_joint[limb, axis]
             if joint >= 0:
-                put_raw(words, first, places[axis], np.int64(controlwords[joint]))
-        put_raw(words, first, places[AXES], np.int64(sequence))
-        _sign(words, limb, places[AXES + 1])
+                put_raw(words, first, places, axis, np.int64(controlwords[joint]))
+        put_raw(words, first, places, AXES, np.int64(sequence))
+        _sign(words, limb, places, AXES + 1)
     return axis_joint.shape[0]
 
 
@@ -150,34 +150,34 @@ def decode_host(
             continue
         limb = limb_of_id[COMMAND, can_id]
         if limb >= 0 and limb_bus[limb] == bus:
-            if not _valid(words, k, places[_CRC]):
+            if not _valid(words, k, places, _CRC):
                 refused += 1
                 continue
             for axis in range(AXES):
                 joint, row = axis_joint[limb, axis], _FIELDS * axis
                 if joint < 0:
                     continue
-                position[joint] = get_raw(words, first, places[row]) * scales[row, SCALE]
-                velocity[joint] = get_raw(words, first, places[row + _VELOCITY]) * scales[row + _VELOCITY, SCALE]
-                torque[joint] = get_raw(words, first, places[row + _TORQUE]) * scales[row + _TORQUE, SCALE]
-                stiffness[joint] = STIFFNESS_OF_RAW[get_raw(words, first, places[row + _STIFFNESS])]
-                damping[joint] = DAMPING_OF_RAW[get_raw(words, first, places[row + _DAMPING])]
-                mode[joint] = get_raw(words, first, places[row + _MODE])
-                watchdog[joint] = get_raw(words, first, places[_WATCHDOG])
-                echo[joint] = get_raw(words, first, places[_SEQUENCE])
+                position[joint] = get_raw(words, first, places, row) * scales[row, SCALE]
+                velocity[joint] = get_raw(words, first, places, row + _VELOCITY) * scales[row + _VELOCITY, SCALE]
+                torque[joint] = get_raw(words, first, places, row + _TORQUE) * scales[row + _TORQUE, SCALE]
+                stiffness[joint] = STIFFNESS_OF_RAW[get_raw(words, first, places, row + _STIFFNESS)]
+                damping[joint] = DAMPING_OF_RAW[get_raw(words, first, places, row + _DAMPING)]
+                mode[joint] = get_raw(words, first, places, row + _MODE)
+                watchdog[joint] = get_raw(words, first, places, _WATCHDOG)
+                echo[joint] = get_raw(words, first, places, _SEQUENCE)
                 commanded[joint] = True
             good += 1
             continue
         limb = limb_of_id[CONTROL, can_id]
         if limb >= 0 and limb_bus[limb] == bus:
-            if not _valid(words, k, control_places[AXES + 1]):
+            if not _valid(words, k, control_places, AXES + 1):
                 refused += 1
                 continue
             for axis in range(AXES):
                 joint = axis_joint[limb, axis]
                 if joint >= 0:
-                    controlword[joint] = get_raw(words, first, control_places[axis])
-                    echo[joint] = get_raw(words, first, control_places[AXES])
+                    controlword[joint] = get_raw(words, first, control_places, axis)
+                    echo[joint] = get_raw(words, first, control_places, AXES)
                     controlled[joint] = True
             good += 1
     return good, refused
@@ -199,15 +199,15 @@ def encode_status(
             continue
         _begin(words, k, heads[joint])
         first = WORDS * k + DATA
-        put_raw(words, first, places[0], to_raw(_finite(position[joint]), scales[0]))
-        put_raw(words, first, places[1], to_raw(_finite(velocity[joint]), scales[1]))
-        put_raw(words, first, places[2], to_raw(_finite(torque[joint]), scales[2]))
-        put_raw(words, first, places[3], np.int64(status[joint]))
-        put_raw(words, first, places[4], to_raw(_finite(temperature[joint]), scales[4]))
-        put_raw(words, first, places[5], np.int64(error[joint]))
-        put_raw(words, first, places[6], np.int64(sequence[joint]))
-        put_raw(words, first, places[7], np.int64(mode[joint]))
-        _sign(words, k, places[8])
+        put_raw(words, first, places, 0, to_raw(_finite(position[joint]), scales, 0))
+        put_raw(words, first, places, 1, to_raw(_finite(velocity[joint]), scales, 1))
+        put_raw(words, first, places, 2, to_raw(_finite(torque[joint]), scales, 2))
+        put_raw(words, first, places, 3, np.int64(status[joint]))
+        put_raw(words, first, places, 4, to_raw(_finite(temperature[joint]), scales, 4))
+        put_raw(words, first, places, 5, np.int64(error[joint]))
+        put_raw(words, first, places, 6, np.int64(sequence[joint]))
+        put_raw(words, first, places, 7, np.int64(mode[joint]))
+        _sign(words, k, places, 8)
         k += 1
     return k
 
@@ -238,17 +238,17 @@ def decode_status(
         joint = joint_of_id[can_id]
         if joint < 0 or joint_bus[joint] != bus_of(words, k):
             continue
-        if not _valid(words, k, places[8]):
+        if not _valid(words, k, places, 8):
             refused += 1
             continue
         first = WORDS * k + DATA
-        position[joint] = get_raw(words, first, places[0]) * scales[0, SCALE]
-        velocity[joint] = get_raw(words, first, places[1]) * scales[1, SCALE]
-        torque[joint] = get_raw(words, first, places[2]) * scales[2, SCALE]
-        status[joint] = get_raw(words, first, places[3])
-        temperature[joint] = get_raw(words, first, places[4]) * scales[4, SCALE]
-        error[joint] = get_raw(words, first, places[5])
-        sequence[joint] = get_raw(words, first, places[6])
+        position[joint] = get_raw(words, first, places, 0) * scales[0, SCALE]
+        velocity[joint] = get_raw(words, first, places, 1) * scales[1, SCALE]
+        torque[joint] = get_raw(words, first, places, 2) * scales[2, SCALE]
+        status[joint] = get_raw(words, first, places, 3)
+        temperature[joint] = get_raw(words, first, places, 4) * scales[4, SCALE]
+        error[joint] = get_raw(words, first, places, 5)
+        sequence[joint] = get_raw(words, first, places, 6)
         age[joint] = 0
         good += 1
     return good, refused

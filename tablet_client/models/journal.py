@@ -1,4 +1,4 @@
-"""What happened, newest last: for the list beside the scene. Entries are codes with their arguments; the window has the words."""
+"""What happened, newest last: for the list beside the scene. Entries are codes with their details; the window has the words."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _KEPT = 500
 
 @dataclass(frozen=True)
 class Entry:
-    """One line. `code` `log` means that `arguments[0]` is the text itself, from the robot."""
+    """One line. `code` `log` means that `details[0]` is the text itself, from the robot."""
 
     number: int
     clock: str
     """time of day at the tablet"""
     level: Level
     code: str
-    arguments: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
 
 
 class Journal:
@@ -29,9 +29,9 @@ class Journal:
         self.entries: list[Entry] = []
         self._number = 0
 
-    def add(self, clock: str, level: Level, code: str, *arguments: str) -> Entry:
+    def add(self, clock: str, level: Level, code: str, *details: str) -> Entry:
         self._number += 1
-        entry = Entry(self._number, clock, level, code, arguments)
+        entry = Entry(self._number, clock, level, code, details)
         self.entries.append(entry)
         del self.entries[:-_KEPT]
         return entry

@@ -75,8 +75,8 @@ class Situation:
             return self.robot.why_not_clear()
         return self.task.why_not(command) if self.link.engine else "no_engine"
 
-    def note(self, level: Level, code: str, *arguments: str) -> None:
-        self.journal.add(time.strftime("%H:%M:%S"), level, code, *arguments)
+    def note(self, level: Level, code: str, *details: str) -> None:
+        self.journal.add(time.strftime("%H:%M:%S"), level, code, *details)
 
     # ----------------------------------------------------------------------------------------------------- connection
 

@@ -33,8 +33,8 @@ Panel {
                 required property string clock
                 required property string level
                 required property string code
-                required property var arguments
-                readonly property string line: Words.entry(code, arguments)
+                required property var details
+                readonly property string line: Words.entry(code, details)
 
                 width: list.width - Theme.tight
                 spacing: Theme.tight

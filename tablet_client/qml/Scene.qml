@@ -17,7 +17,6 @@ View3D {
         antialiasingMode: view.antialiasing === 2 ? SceneEnvironment.MSAA
             : view.antialiasing === 1 ? SceneEnvironment.ProgressiveAA : SceneEnvironment.NoAA
         antialiasingQuality: SceneEnvironment.High
-        tonemapMode: SceneEnvironment.TonemapModeNone
     }
 
     CameraRig { id: rig }

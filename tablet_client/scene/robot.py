@@ -16,8 +16,9 @@ from tablet_client.scene.kinematics import Chain
 from tablet_client.scene.meshes import Mesh, from_file, merged, shaded
 from tablet_client.scene.solids import solid
 
-# Manufacturers' URDFs name greys that are close to each other; on a dark ground light shells and dark joints read better.
 _UNPAINTED = (0.72, 0.74, 0.77, 1.0)
+# URDFs paint joints nearly black: on a dark ground that is a hole. Colours are lifted by this much, white stays white.
+_LIFT = 0.30
 
 Progress = Callable[[int, int], None]
 
@@ -79,4 +80,5 @@ def _color(material: yourdfpy.Material | None, named: dict[str, yourdfpy.Materia
     if material is None or material.color is None:
         return _UNPAINTED
     red, green, blue, opacity = material.color.rgba
-    return float(red), float(green), float(blue), float(opacity)
+    lifted = [_LIFT + (0.92 - _LIFT) * float(part) for part in (red, green, blue)]
+    return lifted[0], lifted[1], lifted[2], float(opacity)

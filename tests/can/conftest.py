@@ -66,9 +66,8 @@ def join(hub: Hub, folder: Path) -> Iterator[Callable[..., HubPort]]:
         port.close()
 
 
-@pytest.fixture
-def hub_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """A hub with channels can0 and can1 as a process of its own, at the runtime folder."""
+@contextlib.contextmanager
+def _hub_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "hal.can.hub", "--runtime", str(folder), "--channels", "can0,can1"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -76,6 +75,22 @@ def hub_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
         yield process
         process.terminate()
         process.wait(5)
+
+
+@pytest.fixture
+def hub_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """A hub with channels can0 and can1 as a process of its own, at the runtime folder `folder`."""
+    with _hub_process(folder) as process:
+        yield process
+
+
+@pytest.fixture(scope="session")
+def running() -> Iterator[Path]:
+    """The runtime folder of a hub process with channels can0 and can1 that all tests share; nobody ends it."""
+    path = Path(tempfile.mkdtemp(prefix="hr"))
+    with _hub_process(path):
+        yield path
+    shutil.rmtree(path)
 
 
 @pytest.fixture

@@ -125,10 +125,10 @@ def test_errors_name_message_signal_and_expectation(tmp_path: Path) -> None:
         _LIMB_FD.encode("Sync", np.zeros((2, 3)), frames.empty(2))
     with pytest.raises(ValueError, match="a frame of 0 bytes; expected 16"):
         _LIMB_FD.decode("DriveStatus_0_0", frames.empty(1))
-    with pytest.raises(ValueError, match="missing.dbc"):
+    with pytest.raises(ValueError, match=r"missing\.dbc"):
         Codec.from_file(tmp_path / "missing.dbc")
     (tmp_path / "bad.dbc").write_text("BO_ 1 what")
-    with pytest.raises(ValueError, match="bad.dbc"):
+    with pytest.raises(ValueError, match=r"bad\.dbc"):
         Codec.from_file(tmp_path / "bad.dbc")
 
 

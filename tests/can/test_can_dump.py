@@ -72,14 +72,12 @@ def _send_until(port: HubPort, records: np.ndarray, process: subprocess.Popen[st
             port.receive(0.0)
 
 
-def test_dump_prints_decodes_and_logs_and_ends_after_its_count(
-    folder: Path, hub_process: subprocess.Popen[str], robot: object
-) -> None:
-    port, protocol, state = HubPort(folder / "bus.sock"), LimbProtocol(robot), JointState(18)
+def test_dump_prints_decodes_and_logs_and_ends_after_its_count(running: Path, tmp_path: Path, robot: object) -> None:
+    port, protocol, state = HubPort(running / "bus.sock"), LimbProtocol(robot), JointState(18)
     out = np.zeros(32, port.receive().dtype)
     state.position[:] = 0.25
     n = protocol.encode_status(state, np.zeros(18, np.uint8), np.ones(18, np.bool_), out)
-    with _dump(folder, "--decode", "--log", str(folder / "bus.blf"), "--count", "36") as process:
+    with _dump(running, "--decode", "--log", str(tmp_path / "bus.blf"), "--count", "36") as process:
         _send_until(port, out[:n], process)
         printed, said = process.communicate(timeout=5)
     assert process.returncode == 0 and said.startswith("36 frames in ")
@@ -90,16 +88,14 @@ def test_dump_prints_decodes_and_logs_and_ends_after_its_count(
     times = [float(re.search(r"\((.*?)\)", text)[1]) for text in lines]  # type: ignore[index]
     assert times == sorted(times)
     assert all(":: DriveStatus_" in text and "Position: 0.25 rad" in text for text in lines)
-    logged = list(can.LogReader(folder / "bus.blf"))
+    logged = list(can.LogReader(tmp_path / "bus.blf"))
     assert len(logged) == 36 and all(message.is_fd and message.dlc == 16 for message in logged)
     port.close()
 
 
-def test_an_interrupted_dump_leaves_a_whole_log(
-    folder: Path, hub_process: subprocess.Popen[str], make_frames: Make
-) -> None:
-    port = HubPort(folder / "bus.sock")
-    with _dump(folder, "can0", "--log", str(folder / "bus.asc")) as process:
+def test_an_interrupted_dump_leaves_a_whole_log(running: Path, tmp_path: Path, make_frames: Make) -> None:
+    port = HubPort(running / "bus.sock")
+    with _dump(running, "can0", "--log", str(tmp_path / "bus.asc")) as process:
         assert process.stdout is not None
         while not select.select([process.stdout], [], [], 0.05)[0]:
             port.send(make_frames([0x10, 0x11]))
@@ -109,7 +105,7 @@ def test_an_interrupted_dump_leaves_a_whole_log(
     assert process.returncode == 0
     shown = len(printed.splitlines())
     assert said.startswith(f"{shown} frames in ")
-    logged = list(can.LogReader(folder / "bus.asc"))
+    logged = list(can.LogReader(tmp_path / "bus.asc"))
     assert len(logged) == shown > 0 and {m.arbitration_id for m in logged} <= {0x10, 0x11}
     port.close()
 

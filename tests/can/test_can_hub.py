@@ -251,15 +251,13 @@ print(hash(tuple(ids)), port.lost, flush=True)
 """
 
 
-def test_listeners_in_other_processes_see_the_same_order_without_loss(
-    folder: Path, hub_process: subprocess.Popen[str], make_frames: Make
-) -> None:
+def test_listeners_in_other_processes_see_the_same_order_without_loss(running: Path, make_frames: Make) -> None:
     total = 20_000
-    command = [sys.executable, "-c", _LISTENER, str(folder / "bus.sock"), str(total)]
+    command = [sys.executable, "-c", _LISTENER, str(running / "bus.sock"), str(total)]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     for process in processes:
         assert process.stdout is not None and process.stdout.readline() == "listening\n"
-    senders = [HubPort(folder / "bus.sock"), HubPort(folder / "bus.sock")]
+    senders = [HubPort(running / "bus.sock"), HubPort(running / "bus.sock")]
     rng = np.random.default_rng(1)
     sent = 0
     while sent < total:

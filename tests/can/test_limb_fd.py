@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from hal.can import frames
 from hal.drives.crc16 import crc16
-from hal.drives.lifecycle import State, statusword
+from hal.drives.lifecycle import CONTROLWORD, Command, DriveError, State, statusword
 from hal.drives.limb_fd import DAMPING_OF_RAW, DBC, STIFFNESS_OF_RAW, DriveTargets, LimbProtocol
 from hal.joint import JointCommand, JointState, Mode
 from handrail.robot import description as descriptions
@@ -131,6 +131,26 @@ def test_stock_cantools_reads_our_answers(protocol: LimbProtocol, robot: SimpleN
         assert values["Crc"] == crccheck.crc.Crc16CcittFalse.calc(data[:14])
 
 
+def test_can_tools_show_drive_states_controlwords_and_errors_by_name(
+    protocol: LimbProtocol, database: Database
+) -> None:
+    out, drives, all_joints = frames.empty(_N), JointState(_N), np.ones(_N, np.bool_)
+    for state in State:
+        drives.status[:], drives.error[:] = statusword(state), DriveError.WATCHDOG
+        protocol.encode_status(drives, np.full(_N, Mode.POSITION, np.uint8), all_joints, out)
+        shown = database.decode_message(0x200, out["data"][0].tobytes()[:16])
+        assert shown["Statusword"] == state.name.lower()
+        assert (shown["Error"], shown["Mode"]) == ("watchdog", "position")
+    for command in Command:
+        protocol.encode_control(np.full(_N, CONTROLWORD[command]), 0, out)
+        shown = database.decode_message(0x0C0, out["data"][0].tobytes()[:12])
+        assert shown["Controlword_6"] == command.name.lower()
+    message = database.get_message_by_frame_id(0x200)
+    for name, kind in (("Error", DriveError), ("Mode", Mode)):
+        choices = message.get_signal_by_name(name).choices
+        assert choices is not None and {k: str(v) for k, v in choices.items()} == {v: v.name.lower() for v in kind}
+
+
 def test_the_host_reads_what_the_drives_answered(protocol: LimbProtocol) -> None:
     out, sent, got = frames.empty(_N), _state(5), JointState(_N)
     answer = np.arange(_N) % 3 != 1
@@ -170,7 +190,7 @@ def test_controlwords_reach_their_drives(protocol: LimbProtocol, database: Datab
     assert protocol.decode(out, count, targets) == (3, 0)
     assert np.array_equal(targets.controlword, words) and set(targets.sequence) == {200}
     assert targets.controlled.all() and not targets.commanded.any()
-    values = database.decode_message(int(out["can_id"][2]), out["data"][2].tobytes()[:12])
+    values = database.decode_message(int(out["can_id"][2]), out["data"][2].tobytes()[:12], decode_choices=False)
     assert [values[f"Controlword_{axis}"] for axis in range(7)] == [17, 18, 19, 20, 0, 0, 0]
     out["data"][0, 0] ^= 1
     assert protocol.decode(out, count, targets) == (2, 1)

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from daemon.realtime import sleep_then_spin_until, sleep_until
+from hal.realtime import sleep_then_spin_until, sleep_until
 
 
 def test_it_never_wakes_before_the_deadline() -> None:
@@ -61,7 +61,7 @@ def test_a_signals_handler_runs_and_the_sleep_goes_on_to_its_deadline() -> None:
 
 SCRIPT = """
 import os, resource, sys
-from daemon.realtime import RealTime
+from hal.realtime import RealTime
 if len(sys.argv) > 1:
     os.setgroups([]); os.setgid(65534); os.setuid(65534)
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
@@ -96,6 +96,6 @@ def test_without_rights_it_runs_on_and_says_what_is_missing_and_where_to_allow_i
 
 
 def test_processors_that_are_not_there_are_a_warning_and_no_error() -> None:
-    script = "from daemon.realtime import RealTime; print(RealTime(priority=0, cpus={4000}).warnings[0])"
+    script = "from hal.realtime import RealTime; print(RealTime(priority=0, cpus={4000}).warnings[0])"
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert "4000" in result.stdout

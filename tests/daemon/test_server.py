@@ -178,13 +178,13 @@ class Rig:
     def trajectory(self, **changes: Any) -> m.JointTrajectory:
         joints = [*self.description.arms["right"].joints]
         start = self.description.home_position("ready")[self.description.index(joints)]
-        fields = {
+        given: dict[str, Any] = {
             "joints": joints,
             "times": [0.0, 1.0, 2.0],
             "positions": [start.tolist(), (start + 0.05).tolist(), (start + 0.1).tolist()],
             "velocities": [[0.0] * len(joints), [0.05] * len(joints), [0.0] * len(joints)],
         }
-        return m.JointTrajectory(**{**fields, **changes})
+        return m.JointTrajectory(**{**given, **changes})
 
     def action(self, id: str = "a1", motion: Any = None, **fields: Any) -> m.StartAction:
         return m.StartAction(**{"id": id, "owner": "test", "motion": motion or self.trajectory(), **fields})
@@ -349,7 +349,7 @@ def bad_actions(rig: Rig) -> dict[str, m.StartAction]:
 
     fast = float(rig.description.velocity_limit[rig.description.index(good.joints[2])])
     frame = rig.description.arms["right"].tip
-    cartesian = {"frame": frame, "joints": good.joints, "goal_in_world": m.Pose(), "duration": 1.0}
+    cartesian: dict[str, Any] = {"frame": frame, "joints": good.joints, "goal_in_world": m.Pose(), "duration": 1.0}
     return {
         "motion.joints[0]": motion(joints=["arm_rigth_1_joint", *good.joints[1:]]),
         "motion.joints[1]": motion(joints=[good.joints[0], good.joints[0], *good.joints[2:]]),
@@ -378,7 +378,7 @@ def bad_actions(rig: Rig) -> dict[str, m.StartAction]:
         "ends[0].after": rig.action(ends=[m.TimeEnd(after=math.inf)]),
         "ends": rig.action(ends=[m.TimeEnd(after=1.0)] * 17),
         "hold_after_s": rig.action(hold_after_s=math.inf),
-        "expires_ns": rig.action(expires_ns=1),
+        "expires_ns": rig.action(expires_ns=(1 << 64) - 1),
     }
 
 
@@ -390,6 +390,13 @@ def test_whatever_is_wrong_with_an_action_is_refused_by_field_value_and_expectat
         assert refused.value != ""
         assert refused.expected != ""
     assert loop.commands == []  # none of them reached the loop
+
+
+def test_an_action_that_comes_too_late_is_refused(rig: Rig) -> None:
+    loop = rig.start_loop()
+    loop.cycle(time_ns=5_000_000_000)
+    assert rig.refusal(rig.action(expires_ns=4_000_000_000)).field == "expires_ns"
+    rig.call(rig.action(expires_ns=6_000_000_000))
 
 
 def test_a_misspelled_joint_is_answered_with_those_that_look_like_it(rig: Rig) -> None:
@@ -524,6 +531,21 @@ def test_a_loop_started_anew_is_followed_and_gets_no_command_meant_for_the_old(r
     assert anew.wait_for(Kind.ENABLE)
 
 
+def test_a_stop_that_was_latched_when_the_loop_died_is_latched_in_the_next(rig: Rig) -> None:
+    loop = rig.start_loop()
+    loop.cycle(flags=Flag.STOPPED, stop_reason=b"smoke")
+    rig.until(m.DaemonStatus, lambda status: status.stopped)
+    loop.die()
+    status = rig.until(m.DaemonStatus, lambda status: status.drives[0].state == "unknown")
+    assert status.stop_reason == "smoke"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(rig.runtime.stop))
+        listener.settimeout(PATIENCE_S)
+        rig.loop = FakeLoop(rig.description, rig.runtime)
+        rig.loop.cycle(flags=0)
+        assert listener.recv(1024) == b"STOP smoke"
+
+
 def test_a_server_started_anew_knows_the_running_action_and_its_owner(rig: Rig) -> None:
     loop = rig.start_loop()
     rig.call(rig.action("a1", ends=[m.DivergenceEnd(error=0.3)]))
@@ -566,7 +588,7 @@ def test_malformed_calls_are_refused_and_change_nothing(rig: Rig) -> None:
     raw.connect(rig.runtime.endpoint("daemon.call"))
     for frames in ([b"junk"], [b""], [b"\x81\xa4type\xa6Reboot"], [b"a", b"b"], [b"\xff" * 5000]):
         raw.send_multipart(frames)
-        assert raw.poll(PATIENCE_S * 1000)
+        assert raw.poll(round(PATIENCE_S * 1000))
         assert b"Refused" in raw.recv()
     raw.close(0)
     rig.call(m.Enable())

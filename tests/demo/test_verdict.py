@@ -86,6 +86,13 @@ def test_a_valve_that_nobody_touched_did_not_turn():
     assert verdict.turned_deg == 0.0
 
 
+def test_a_plant_that_began_anew_in_between_proves_nothing():
+    turned = timeline(REACH, (3.0, 290.0, 30.0), REST)
+    verdict = judge(turned + timeline(REST), 1.0, "succeeded")
+    assert not verdict.success
+    assert verdict.problems == ("the plant was restarted",)
+
+
 @pytest.mark.parametrize("samples", [[], timeline(REACH)[:1]], ids=["none", "one"])
 def test_nothing_is_proven_without_ground_truth(samples):
     verdict = judge(samples, 1.0, "succeeded")

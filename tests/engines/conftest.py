@@ -108,6 +108,22 @@ class FakeDaemon:
             )
         )
 
+        if self.cycle % 10 == 0:
+            running = self.action.id if self.action else ""
+            self.publisher.send(
+                m.DaemonStatus(
+                    time_ns=self.cycle * 2_000_000,
+                    clock="lockstep",
+                    enabled=True,
+                    stopped=False,
+                    drives=[],
+                    controllers={},
+                    action=running,
+                    loop=m.LoopStatistics(),
+                    buses=[],
+                )
+            )
+
     def _handle(self, call: Any) -> None:
         self.calls.append(call)
         if isinstance(call, m.StartAction):

@@ -89,6 +89,14 @@ def test_a_silent_daemon_fails_the_run_instead_of_leaving_it_running(stack, daem
     assert "daemon has gone silent" in ended.detail
 
 
+def test_a_daemon_that_was_started_anew_fails_the_run_whose_action_it_does_not_know(stack, daemon, wait_until):
+    begin(stack, daemon, wait_until)
+    daemon.action = None
+    ended = stack.ended()
+    assert ended.status == "failed"
+    assert "started anew" in ended.detail
+
+
 def test_control_without_a_run_is_refused(stack):
     for call in (m.PauseRun(), m.ResumeRun(), m.StopRun()):
         assert stack.refusal(call).message == "nothing is running"

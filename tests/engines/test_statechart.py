@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,7 +20,7 @@ class Step(Activity):
     made: list[Step]
 
     def __init__(self, state, values):
-        super().__init__(None, values)  # type: ignore[arg-type]
+        super().__init__(SimpleNamespace(services=None), values)  # type: ignore[arg-type]
         self.state, self.result, self._end = state, {}, threading.Event()
 
     def run(self):
@@ -185,7 +186,7 @@ def test_an_argument_without_a_value_fails_the_state_that_needs_it(begin):
     plan = PROMPT.replace("do: prompt\n", "do: plan\n").replace(
         'with: {text: "{n} of {valve}?"}', "with: {instance: valve, trajectory: turn, arm: arm, arc: 1 / n}"
     )
-    chart = begin(plan.replace("_event.data.answer == 'again'", "n == 5").replace("_event.data.answer", "'x'"))
+    chart = begin(plan.replace("_event.data.answer == 'again'", "n == 5").replace("_event.data.answer", "why"))
     chart.step()
     assert chart.ended.id == "bad"
     assert "asking: arc: '1 / n' has no value" in chart.variables()["why"]

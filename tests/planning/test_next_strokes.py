@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from affordance_templates.joint_estimate import joint_after_push
+from engines.planning.collision import CollisionScene, RobotBodies
+from engines.planning.constraints import CLEARANCE, SELF_CLEARANCE
+from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
 
 
@@ -66,6 +69,25 @@ def test_a_retry_draws_back_first_and_enters_later_on_the_arc(nominal_wheel, pla
         planner.plan(
             nominal_wheel, "turn", "right", tripped, arc=plan.outputs["arc_centre"], entry_shift=np.deg2rad(125)
         )
+
+
+def test_the_approach_leads_around_what_stands_in_the_straight_line(wheel_at, planner, description, kinematics):
+    wheel = wheel_at([0.5524, -0.2599, 0.2288], [0.3142, -0.1318, -0.0537])
+    start = description.home_position("ready")
+    rows = description.index(description.arms["right"].joints)
+    start[rows] = [0.004, -0.127, 1.099, -0.109, -0.221, -0.693, 0.029, -1.27, -0.469]
+    arm = description.arms["right"]
+    scene = CollisionScene(RobotBodies(kinematics), arm, obstacles_of(wheel))
+    approach = planner.plan(wheel, "turn", "right", start).segments[0].positions
+    share = np.linspace(0.0, 1.0, 60)[:, None]
+    positions = np.repeat(start[None], 60, axis=0)
+    positions[:, rows] = (1 - share) * approach[0] + share * approach[-1]
+    straight = min(scene.to_obstacles(positions, tool_may_touch=False).distance, scene.to_self(positions).distance)
+    assert straight < 0.01
+    positions = np.repeat(start[None], len(approach), axis=0)
+    positions[:, rows] = approach
+    assert scene.to_obstacles(positions, tool_may_touch=False).distance >= CLEARANCE.bound - 1e-3
+    assert scene.to_self(positions).distance >= SELF_CLEARANCE.bound - 1e-3
 
 
 def test_with_an_arc_given_but_the_arm_elsewhere_it_comes_in_anew_on_that_arc(nominal_wheel, planner, description):

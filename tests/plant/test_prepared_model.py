@@ -77,9 +77,7 @@ def test_every_links_pose_agrees_with_pinocchio(robot, kinematics, loaded):
 
 def test_forearms_wrists_and_tools_collide_and_nothing_else(robot, loaded):
     client, body, infos = loaded
-    colliding = {
-        info[12].decode() for info in infos if p.getCollisionShapeData(body, info[0], physicsClientId=client)
-    }
+    colliding = {info[12].decode() for info in infos if p.getCollisionShapeData(body, info[0], physicsClientId=client)}
     assert colliding == {f"arm_{side}_{number}_link" for side in ("left", "right") for number in (4, 5, 6, 7)}
     assert not p.getCollisionShapeData(body, -1, physicsClientId=client)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from daemon import exchange
+from daemon.doorbell import Bell, loop_doorbell
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
 from daemon.loop import Loop
 from daemon.mailbox import MailboxWriter
@@ -46,6 +47,8 @@ class JointDrives:
         self.saturate = True
         self.seen: list[JointCommand] = []
         """set-points of each cycle that had some, as the drives decoded them"""
+        self.jumps: list[np.ndarray] = []
+        """N·m by which each of them, but the first, changed the drives' torque at the state of that moment"""
         self.beats = 0
         self.control_frames = self.command_frames = 0
         self._period = description.period_ns * 1e-9
@@ -67,6 +70,8 @@ class JointDrives:
             self.command_frames += 1
             copy = JointCommand(len(self.life))
             copy.copy_from(self.targets.command)
+            if self.seen:
+                self.jumps.append(effective(copy, self.state) - effective(self.seen[-1], self.state))
             self.seen.append(copy)
         if self.targets.syncs:
             self._step()
@@ -126,7 +131,6 @@ class Bench:
         """Run cycles; the newest snapshot."""
         for _ in range(cycles):
             self.loop.cycle()
-            self.loop.time_ns += self.loop.period_ns
             each()
         return self.snapshot()
 
@@ -182,6 +186,12 @@ class Bench:
             velocities=(by * slope)[:, None].tolist(),
             **fields,  # type: ignore[arg-type]
         )
+
+    def ring_loop(self) -> None:
+        """Wake a loop that holds time, as the server does."""
+        bell = Bell(loop_doorbell(self.runtime.folder))
+        assert bell.ring()
+        bell.close()
 
     def action(self, slot: int = 0) -> tuple[ActionState, Outcome]:
         row = self.snapshot()["actions"][slot]

@@ -1,0 +1,171 @@
+"""`handrail program check|list|run`: programs from the command line, over the same client API that the tablet uses."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from engines import library
+from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
+from handrail.config import ConfigError
+from handrail.link.keys import KeysError
+from handrail.messages import LogLine, Prompt, PromptClosed, RunState
+
+app = typer.Typer(help="Check, list and run programs.", no_args_is_help=True, add_completion=False)
+_out = Console()
+_err = Console(stderr=True)
+_RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
+
+
+@app.command()
+def check(
+    programs: Annotated[
+        list[str] | None, typer.Argument(help="Names in the library, or files; none: the whole library.")
+    ] = None,
+) -> None:
+    """Check programs whole, without a robot. Exits with 1 when one can't be deployed, naming file, line, field and expectation."""
+    wrong = False
+    for name in programs or sorted(library.files()):
+        try:
+            program = library.load(name)
+            _out.print(
+                f"{program.name}: sound, {len(list(program.states()))} states, hash {program.hash}", highlight=False
+            )
+        except ConfigError as problem:
+            wrong = True
+            _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
+    raise typer.Exit(int(wrong))
+
+
+@app.command("list")
+def list_(
+    show: Annotated[str | None, typer.Argument(help="A program: show its resources and parameters.")] = None,
+) -> None:
+    """List the library's programs and templates, or what one program needs."""
+    if show is not None:
+        _describe(show)
+        return
+    table = Table("name", "kind", "title", "hash")
+    for entry in library.listing().entries:
+        title = f"[red]{entry.problem}[/red]" if entry.problem else entry.title
+        table.add_row(entry.name, entry.kind, title, entry.hash)
+    _out.print(table)
+
+
+@app.command()
+def run(
+    program: Annotated[str, typer.Argument(help="Its name in the robot's library.")],
+    bind: Annotated[
+        list[str] | None, typer.Option(help="resource=NAME, e.g. --bind arm=right --bind valve=wheel_1")
+    ] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="parameter=VALUE, e.g. --set goal_deg=180")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Approve every prompt (its first option) without asking.")] = False,
+    connect_to: Annotated[str, typer.Option("--connect", help="Address of the robot's link.")] = DEFAULT_ADDRESS,
+    keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
+) -> None:
+    """Deploy a program on a robot that is up, run it, and follow it to its end. Ctrl-C stops the run.
+
+    Exits with 0 when it succeeded, 1 when it failed or was refused, 130 when it was stopped.
+    """
+    bindings, given = _pairs("--bind", bind), _pairs("--set", set_)
+    parameters = {name: _value(text) for name, text in given.items()}
+    try:
+        with connect(connect_to, keys) as robot:
+            raise typer.Exit(_follow(robot, program, bindings, parameters, yes))
+    except RefusedError as refused:
+        _err.print(str(refused), style="red", markup=False, highlight=False, soft_wrap=True)
+    except (Unreachable, KeysError, ValueError) as problem:
+        _err.print(f"{connect_to}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+    raise typer.Exit(1)
+
+
+def _follow(robot: Client, program: str, bindings: dict[str, str], parameters: dict[str, object], yes: bool) -> int:
+    with robot.events(RunState, Prompt, PromptClosed, LogLine) as events:
+        deployed = robot.deploy(program, bindings, parameters)
+        started = robot.run(deployed)
+        _out.print(f"{program} {deployed.hash} runs as {started.run}", highlight=False)
+        shown = ""
+        try:
+            for event in events:
+                if isinstance(event, RunState) and event.run == started.run:
+                    line = f"{event.status:9} {' / '.join(event.active)}  {_numbers(event)}"
+                    if line != shown:
+                        _out.print(line, highlight=False, markup=False, soft_wrap=True)
+                    shown = line
+                    if event.status in _RESULTS:
+                        _out.print(f"{event.status}: {event.detail}", highlight=False, markup=False, soft_wrap=True)
+                        return _RESULTS[event.status]
+                elif isinstance(event, Prompt) and event.run == started.run:
+                    _answer(robot, event, yes)
+                elif isinstance(event, LogLine) and event.level != "info":
+                    _err.print(f"{event.source}: {event.text}", markup=False, highlight=False, soft_wrap=True)
+        except KeyboardInterrupt:
+            with contextlib.suppress(RefusedError):  # it has ended by itself in this moment
+                robot.stop_run()
+            _out.print("stopped: cancelled from the keyboard; the robot holds")
+            return _RESULTS["stopped"]
+    _err.print("the robot's events ended before the run did", style="red")
+    return 1
+
+
+def _answer(robot: Client, prompt: Prompt, yes: bool) -> None:
+    details = ", ".join(f"{name} {value:.3g}" for name, value in prompt.details.items())
+    _out.print(
+        f"? {prompt.text} ({details})" if details else f"? {prompt.text}", style="bold", markup=False, highlight=False
+    )
+    answer = prompt.options[0] if yes else ""
+    while answer not in prompt.options:
+        answer = typer.prompt(" / ".join(prompt.options))
+    try:
+        robot.answer(prompt.id, answer, by="command line")
+        _out.print(f"  {answer}", highlight=False, markup=False)
+    except RefusedError as late:
+        _out.print(f"  {late}", highlight=False, markup=False)
+
+
+def _numbers(state: RunState) -> str:
+    return "  ".join(
+        f"{name} {value:.4g}"
+        for name, value in state.data.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    )
+
+
+def _pairs(option: str, texts: list[str] | None) -> dict[str, str]:
+    pairs = {}
+    for text in texts or []:
+        name, sign, value = text.partition("=")
+        if not (name and sign and value):
+            raise typer.BadParameter(f"got {text!r}; expected NAME=VALUE", param_hint=option)
+        pairs[name] = value
+    return pairs
+
+
+def _value(text: str) -> object:
+    """A parameter's value as written: a number, true or false, else a text."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+def _describe(name: str) -> None:
+    try:
+        program = library.load(name)
+    except ConfigError as problem:
+        _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
+        raise typer.Exit(1) from problem
+    _out.print(f"{program.title} ({program.name}, {program.hash})", style="bold", highlight=False)
+    table = Table("", "name", "default", "unit", "what it is")
+    for key, resource in program.resources.items():
+        table.add_row("--bind", key, "", resource.template or resource.kind, resource.title)
+    for key, parameter in program.parameters.items():
+        table.add_row("--set", key, str(parameter.default), parameter.unit, parameter.title)
+    _out.print(table)

@@ -122,7 +122,9 @@ class Loop:
                 self.hardware.give_up()
                 break
         if self.lockstep:  # the plant's clock, which goes on while no daemon runs
-            self.time_ns = max(self.time_ns + self.period_ns, self.hardware.bus_time_ns // self.period_ns * self.period_ns)
+            self.time_ns = max(
+                self.time_ns + self.period_ns, self.hardware.bus_time_ns // self.period_ns * self.period_ns
+            )
 
     def run_controllers(self) -> JointCommand | None:
         """This cycle's command within the limits, or None where nobody commands the robot."""

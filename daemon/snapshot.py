@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from daemon.actions import Action, ActionTable
 from daemon.exchange import MAX_HOLDS, Flag, StateWriter
 from daemon.life import Life
@@ -12,10 +15,8 @@ from hal.can.port import BUSY_NS, RECEIVED, SENT
 from hal.hardware import Hardware
 from hal.joint import JointCommand
 
-_SCALARS = (
-    *("cycle", "time_ns", "flags", "misses", "stale_replies", "crc_errors", "limited", "work_ns", "late_ns"),
-    *("answered", "answer", "answer_joint", "answer_value", "stop_reason"),
-)
+_COUNTS = ("misses", "stale_replies", "crc_errors", "limited", "work_ns", "late_ns")
+"""Fields of the snapshot that lie side by side and are written as one."""
 
 
 class SnapshotWriter:
@@ -46,14 +47,17 @@ class SnapshotWriter:
             (record["status"], state.status),
             (record["error"], state.error),
             (record["temperature"], state.temperature),
+            (record["age"], state.age),
             (record["frames_sent"], hardware.counters[:, SENT]),
             (record["frames_received"], hardware.counters[:, RECEIVED]),
             (record["busy_ns"], hardware.counters[:, BUSY_NS]),
             (record["claims"], manager.claims),
         ]
-        self._age, self._command, self._mode = record["age"], record["command"], record["mode"]
+        self._command, self._mode = record["command"], record["mode"]
         self._external_force = record["external_force"]
-        self._scalars = {name: record[name] for name in _SCALARS}
+        self._when = _side_by_side(record, ("cycle", "time_ns"))
+        self._counts = _side_by_side(record, _COUNTS)
+        self._flags = record["flags"]
 
     def publish(
         self,
@@ -72,8 +76,6 @@ class SnapshotWriter:
         """
         for field, values in self._copies:
             field[...] = values
-        self._hardware.state.age.clip(0, 1 << 30, out=self._hardware.state.age)
-        self._age[...] = self._hardware.state.age
         rows = (written.position, written.velocity, written.torque, written.stiffness, written.damping)
         for number, row in enumerate(rows):
             self._command[number] = row
@@ -81,33 +83,25 @@ class SnapshotWriter:
         forces = self._robot.forces
         self._external_force[...] = next(iter(forces.values())) if forces else 0.0
 
-        flags = self._life.flags | (Flag.HELD if holding else Flag(0))
-        answer, scalars = self._orders.answer, self._scalars
-        for name, value in (
-            ("cycle", cycle),
-            ("time_ns", time_ns),
-            ("flags", int(flags)),
-            ("misses", misses),
-            ("stale_replies", self._hardware.stale_replies),
-            ("crc_errors", self._hardware.crc_errors),
-            ("limited", limited),
-            ("work_ns", work_ns),
-            ("late_ns", late_ns),
-            ("answered", self._orders.answered),
-            ("answer", int(answer.answer)),
-            ("answer_joint", answer.joint),
-            ("answer_value", answer.value),
-        ):
-            scalars[name][...] = value
-        self._record["holds"][:] = holding + [0] * (MAX_HOLDS - len(holding))
-        changed = self._write_actions(written, time_ns)
-        news = (int(flags), self._life.stop_reason, self._orders.answered, tuple(holding), changed)
-        if news[1] != (self._news[1] if self._news else None):
-            scalars["stop_reason"][...] = _truncated(self._life.stop_reason, self._record.dtype["stop_reason"].itemsize)
-        happened = changed or news[:4] != self._news[:4]
-        self._news = news
+        flags = int(self._life.flags | (Flag.HELD if holding else Flag(0)))
+        self._flags[...] = flags
+        self._when[:] = cycle, time_ns
+        self._counts[:] = misses, self._hardware.stale_replies, self._hardware.crc_errors, limited, work_ns, late_ns
+        news = (flags, self._life.stop_reason, self._orders.answered, tuple(holding))
+        happened = self._write_actions(written, time_ns)
+        if news != self._news:
+            self._news, happened = news, True
+            self._write_news(holding)
         self._ring.publish()
         return happened
+
+    def _write_news(self, holding: list[int]) -> None:
+        """What changes seldom: the answer to a command, who holds time, why the robot is stopped."""
+        record, answer = self._record, self._orders.answer
+        record["answered"], record["answer"] = self._orders.answered, int(answer.answer)
+        record["answer_joint"], record["answer_value"] = answer.joint, answer.value
+        record["holds"][:] = holding + [0] * (MAX_HOLDS - len(holding))
+        record["stop_reason"] = _truncated(self._life.stop_reason, record.dtype["stop_reason"].itemsize)
 
     def _write_actions(self, written: JointCommand, time_ns: int) -> bool:
         changed = False
@@ -124,6 +118,13 @@ class SnapshotWriter:
                 row["position"], row["command"] = self._robot.joints.position, written.position
                 changed = True
         return changed
+
+
+def _side_by_side(record: np.ndarray, names: tuple[str, ...]) -> NDArray[np.int64]:
+    """One array over int64 fields of a record that follow each other without a gap."""
+    offsets = [record.dtype.fields[name][1] for name in names]  # type: ignore[index]
+    assert offsets == [offsets[0] + 8 * place for place in range(len(names))], f"{names} do not lie side by side"
+    return record.reshape(1).view(np.uint8)[offsets[0] : offsets[0] + 8 * len(names)].view(np.int64)
 
 
 def _fill(row: object, action: Action, time_ns: int) -> None:

@@ -22,6 +22,8 @@ from handrail.robot.description import RobotDescription
 LOST_AFTER = 10
 """cycles without a valid reply after which a drive counts as lost"""
 
+_NEVER = 1 << 30
+"""cycles; the age of a reply that never came grows no further"""
 _OPERATION_ENABLED = int(State.OPERATION_ENABLED)
 _GATHER_S = 0.02
 """wall time that a lock-step read waits for the rest of the replies when some have come"""
@@ -192,6 +194,7 @@ def _survey(age, status, state_of_statusword, drive_state):  # type: ignore[no-u
     stale, lost, silent = 0, -1, -1
     for j in range(age.shape[0]):
         drive_state[j] = state_of_statusword[status[j] & 0x7F]
+        age[j] = min(age[j], _NEVER)
         if age[j] > LOST_AFTER:
             silent = j if silent < 0 else silent
         elif age[j] > 0:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -128,9 +129,25 @@ class Client:
         """What the daemon is doing now: drives, controllers, action, loop and bus statistics."""
         return self.call(GetStatus())
 
-    def enable(self) -> None:
-        """Take every drive into operation and hold where it is. Refused while the stop is latched."""
-        self.call(Enable())
+    def enable(self, timeout_s: float = 10.0) -> None:
+        """Take every drive into operation and hold where it is; returns when the robot holds.
+
+        Refused while the stop is latched. Raises TimeoutError, naming the drives, when some do not get there in time.
+        """
+        deadline = time.monotonic() + timeout_s
+        with self.events(DaemonStatus) as statuses:
+            self.call(Enable())
+            status = self.status()
+            while not status.enabled:
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    late = [
+                        f"{drive.joint} {drive.state}" for drive in status.drives if drive.state != "operation_enabled"
+                    ]
+                    raise TimeoutError(
+                        f"the robot was not enabled in {timeout_s:g} s: {', '.join(late) or 'no answer'}"
+                    )
+                status = statuses.next(left) or status
 
     def disable(self) -> None:
         """Take every drive out of operation; brakes close."""

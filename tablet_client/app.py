@@ -19,9 +19,7 @@ def tablet(
     operator: Annotated[str, typer.Option(help="Your name, as the robot's log shows it.")] = "operator",
     size: Annotated[str, typer.Option(metavar="WxH", help="The window's size in pixels.")] = "1280x800",
     fullscreen: Annotated[bool, typer.Option("--fullscreen", help="Fill the screen.")] = False,
-    antialiasing: Annotated[
-        str, typer.Option(help="auto, off, still (smooth when nothing moves) or on.")
-    ] = "auto",
+    antialiasing: Annotated[str, typer.Option(help="auto, off, still (smooth when nothing moves) or on.")] = "auto",
     shot: Annotated[Path | None, typer.Option(metavar="PNG", help="Save a picture of the window, then exit.")] = None,
     after: Annotated[float, typer.Option(metavar="S", help="With --shot: seconds to wait first.")] = 5.0,
 ) -> None:
@@ -32,11 +30,18 @@ def tablet(
     """
     from tablet_client import window as tablet_window
 
-    modes = {"auto": None, "off": tablet_window.NO_ANTIALIASING, "still": tablet_window.WHEN_STILL, "on": tablet_window.ALWAYS}
+    modes = {
+        "auto": None,
+        "off": tablet_window.NO_ANTIALIASING,
+        "still": tablet_window.WHEN_STILL,
+        "on": tablet_window.ALWAYS,
+    }
     if antialiasing not in modes:
         raise typer.BadParameter(f"got {antialiasing!r}; expected {', '.join(modes)}", param_hint="--antialiasing")
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        sys.exit("handrail tablet: there is no screen (DISPLAY is not set); on a machine without one: xvfb-run -a handrail tablet …")
+        sys.exit(
+            "handrail tablet: there is no screen (DISPLAY is not set); on a machine without one: xvfb-run -a handrail tablet …"
+        )
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     raise typer.Exit(_run(connect, operator, _size(size), fullscreen, modes[antialiasing], shot, after))
 
@@ -55,7 +60,7 @@ def _run(
     from handrail.client import connect
     from handrail.robot import description
     from tablet_client.session import Session
-    from tablet_client.window import ALWAYS, application, open_window
+    from tablet_client.window import SUPERSAMPLED, application, open_window
 
     app = application()
     opened = open_window(
@@ -85,7 +90,7 @@ def _run(
         app.quit()
 
     if shot is not None:
-        QTimer.singleShot(round(after * 1000), lambda: opened.window.setProperty("antialiasing", ALWAYS))
+        QTimer.singleShot(round(after * 1000), lambda: opened.window.setProperty("smoothing", SUPERSAMPLED))
         QTimer.singleShot(round(after * 1000) + 400, save)
     app.exec()
     session.close(timeout=0.5)
@@ -107,5 +112,7 @@ def mesh_cache() -> Path:
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.lower().partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 640 and int(height) >= 480):
-        raise typer.BadParameter(f"got {text!r}; expected WIDTHxHEIGHT, at least 640x480, e.g. 1280x800", param_hint="--size")
+        raise typer.BadParameter(
+            f"got {text!r}; expected WIDTHxHEIGHT, at least 640x480, e.g. 1280x800", param_hint="--size"
+        )
     return int(width), int(height)

@@ -29,6 +29,7 @@ _COMMANDS: dict[str, Callable[[], Message]] = {
     "resume": ResumeRun,
     "stop_run": StopRun,
 }
+_MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do not
 _ROLES = ("clock", "level", "code", "details")
 _FIRST = Qt.ItemDataRole.UserRole.value
 
@@ -41,10 +42,10 @@ class JournalList(QAbstractListModel):
         self._journal = situation.journal
         self._shown = list(self._journal.entries)
 
-    def rowCount(self, parent: Any = QModelIndex()) -> int:  # noqa: B008, N802
+    def rowCount(self, parent: Any = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._shown)
 
-    def roleNames(self) -> dict[int, QByteArray]:  # noqa: N802
+    def roleNames(self) -> dict[int, QByteArray]:
         return {_FIRST + number: QByteArray(name.encode()) for number, name in enumerate(_ROLES)}
 
     def data(self, index: Any, role: int = 0) -> Any:
@@ -72,11 +73,11 @@ class JournalList(QAbstractListModel):
 class Desk(QObject):
     """Everything that QML reads and calls. Lives on the window's thread."""
 
-    headerChanged = Signal()  # noqa: N815
-    taskChanged = Signal()  # noqa: N815
-    promptChanged = Signal()  # noqa: N815
-    ghostChanged = Signal()  # noqa: N815
-    ghostTimeChanged = Signal()  # noqa: N815
+    headerChanged = Signal()
+    taskChanged = Signal()
+    promptChanged = Signal()
+    ghostChanged = Signal()
+    ghostTimeChanged = Signal()
     _arrived = Signal()
 
     def __init__(self, situation: Situation, stage: Stage, operator: str = "operator"):
@@ -107,24 +108,24 @@ class Desk(QObject):
 
     # ---------------------------------------------------------------------------------------------------------- views
 
-    @Property("QVariantMap", notify=headerChanged)
+    @Property(_MAP, notify=headerChanged)
     def header(self) -> dict[str, Any]:
         return self._header
 
-    @Property("QVariantMap", notify=taskChanged)
+    @Property(_MAP, notify=taskChanged)
     def task(self) -> dict[str, Any]:
         return self._task
 
-    @Property("QVariantMap", notify=promptChanged)
+    @Property(_MAP, notify=promptChanged)
     def prompt(self) -> dict[str, Any]:
         return self._prompt
 
-    @Property("QVariantMap", notify=ghostChanged)
+    @Property(_MAP, notify=ghostChanged)
     def ghost(self) -> dict[str, Any]:
         return self._ghost
 
     @Property(float, notify=ghostTimeChanged)
-    def ghostTime(self) -> float:  # noqa: N802
+    def ghostTime(self) -> float:
         return self._ghost_time
 
     @Property(QObject, constant=True)
@@ -189,10 +190,9 @@ class Desk(QObject):
         for item in self.inbox.take():
             self.situation.take(item)
         plans = self.situation.plans
-        moved = plans.advance(min(now - self._last_look, 0.2))
+        plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
-        self._frame_out, self._frame_since = moved, now
-        self._stage.show(self.situation)
+        self._frame_out, self._frame_since = self._stage.show(self.situation), now
         self._build()
         self._journal.refresh()
         if plans.shown is not None and plans.playing:

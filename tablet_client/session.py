@@ -77,7 +77,7 @@ class Client(Protocol):
 
 
 class Session:
-    """The tablet's connection. `connect` makes a client without waiting for the robot, as `handrail.connect` does with timeout 0."""
+    """The tablet's connection. `connect` makes a client without waiting (`handrail.connect` with timeout 0)."""
 
     def __init__(
         self, connect: Callable[[], Client], inbox: Inbox, *, heartbeat: float = _HEARTBEAT, retry: float = _RETRY
@@ -95,7 +95,10 @@ class Session:
         self._threads = [
             threading.Thread(target=target, name=f"tablet-{name}", daemon=True)
             for name, target in (
-                ("keeper", self._keep), ("listener", self._listen), ("caller", self._call), ("stopper", self._stop)
+                ("keeper", self._keep),
+                ("listener", self._listen),
+                ("caller", self._call),
+                ("stopper", self._stop),
             )
         ]
 

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QEvent, QUrl
 from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext
-from PySide6.QtQml import QQmlApplicationEngine, qmlRegisterSingletonType
+from PySide6.QtQml import QQmlApplicationEngine, QQmlError, qmlRegisterSingletonType
 from PySide6.QtQuick import QQuickWindow
 from PySide6.QtQuickControls2 import QQuickStyle
 
@@ -25,7 +26,7 @@ _QML = Path(__file__).parent / "qml"
 _GL_RENDERER = 0x1F01
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
 
-NO_ANTIALIASING, WHEN_STILL, ALWAYS = range(3)
+NO_ANTIALIASING, WHEN_STILL, ALWAYS, SUPERSAMPLED = range(4)
 
 
 @dataclass
@@ -39,6 +40,7 @@ class TabletWindow:
 
     def close(self) -> None:
         """Take the window down in an order that Qt survives: QML first, then what it was bound to."""
+        self.stage.close()
         self.window.close()
         self.engine.deleteLater()
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
@@ -72,13 +74,18 @@ def open_window(
     desk = Desk(Situation(address), stage, operator)
     engine = QQmlApplicationEngine()
     problems: list[str] = []
-    engine.warnings.connect(lambda warnings: problems.extend(warning.toString() for warning in warnings))
-    engine.warnings.connect(lambda warnings: [_log.warning("%s", warning.toString()) for warning in warnings])
+
+    def note(warnings: list[QQmlError]) -> None:
+        for warning in warnings:
+            problems.append(warning.toString())
+            _log.warning("%s", warning.toString())
+
+    engine.warnings.connect(note)
     engine.rootContext().setContextProperty("desk", desk)
     engine.rootContext().setContextProperty("stage", stage)
     if antialiasing is None:
         antialiasing = NO_ANTIALIASING if software_rendering() else ALWAYS
-    engine.setInitialProperties({"antialiasing": antialiasing, "width": size[0], "height": size[1]})
+    engine.setInitialProperties({"smoothing": antialiasing, "width": size[0], "height": size[1]})
     engine.load(QUrl.fromLocalFile(str(_QML / "Main.qml")))
     roots = engine.rootObjects()
     if not roots:
@@ -93,7 +100,8 @@ def open_window(
 @cache
 def _register() -> None:
     for name in ("Theme", "Words"):
-        qmlRegisterSingletonType(QUrl.fromLocalFile(str(_QML / f"{name}.qml")), "Handrail", 1, 0, name)
+        register: Any = qmlRegisterSingletonType  # takes str, whatever its stubs say
+        register(QUrl.fromLocalFile(str(_QML / f"{name}.qml")), "Handrail", 1, 0, name)
 
 
 @cache

@@ -3,13 +3,13 @@
 All drives of the robot are rows of arrays (n,), in the description's order; their firmware is `hal.plant.actuator`. A drive
 knows the host only from frames, and time only from its own clock: when frames stop coming it acts by itself.
 
-===================== ================================================================= ========
+===================== ================================================================= =================
 state                 torque                                                            brake
-===================== ================================================================= ========
+===================== ================================================================= =================
 operation enabled     as commanded, once a command came and the brake is released       open
-quick stop active     −quick_stop_damping · velocity for 1 s, then none                 open, then closed
+quick stop active     −quick_stop_damping · velocity for 0.25 s, then none              open, then closed
 any other             none                                                              closed
-===================== ================================================================= ========
+===================== ================================================================= =================
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from handrail.robot.description import RobotDescription
 
 STEP_NS = 1_000_000
 """one step of the plant"""
-QUICK_STOP_NS = 1_000_000_000
+QUICK_STOP_NS = 250_000_000
 """how long a quick stop damps before the brake closes"""
 BRAKE_RELEASE_NS = 50_000_000
 """from the first command to the open brake: the spring takes the load up meanwhile, so that nothing drops"""

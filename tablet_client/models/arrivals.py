@@ -116,9 +116,7 @@ class Inbox:
 
     def _add(self, item: Any) -> bool:
         was_empty = not self._items
-        key = _key(item)
-        if key is None:
-            key = next(self._number)
+        key = _key(item) or (next(self._number),)
         self._items.pop(key, None)
         self._items[key] = item
         if len(self._items) > self._limit:

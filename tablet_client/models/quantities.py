@@ -20,11 +20,16 @@ _METRES_FROM = 1.0  # from here on, metres read better than millimetres
 
 def quantity(name: str, value: float) -> tuple[str, str]:
     """('clearance_m', 0.031) → ('Clearance', '31 mm'). A name without a known unit keeps its words and a plain number."""
-    words = name.split("_")
-    unit = words[-1].lower() if len(words) > 1 else ""
-    if unit not in _UNITS:
+    if not has_unit(name):
         return label(name), plain(value)
-    return label("_".join(words[:-1])), in_unit(unit, value)
+    words, _, unit = name.rpartition("_")
+    return label(words), in_unit(unit.lower(), value)
+
+
+def has_unit(name: str) -> bool:
+    """True for a name that ends with a unit that is known here, after at least one word."""
+    words, _, unit = name.rpartition("_")
+    return bool(words) and unit.lower() in _UNITS
 
 
 def in_unit(unit: str, value: float) -> str:

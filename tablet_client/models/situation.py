@@ -135,7 +135,7 @@ class Situation:
         before, moved = self.robot.drives, self.robot.moving
         self.robot.take_status(status)
         after = self.robot.drives
-        if after != before and before != "unknown":
+        if before not in (after, "unknown"):
             level: Level = {"enabled": "good", "disabled": "info"}.get(after, "error")  # type: ignore[assignment]
             self.note(level, f"drives_{after}", status.stop_reason or ", ".join(self.robot.faulty))
         if self.robot.moving and not moved:

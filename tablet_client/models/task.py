@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from handrail.messages import RunState
-from tablet_client.models.quantities import label, plain, quantity
+from tablet_client.models.quantities import has_unit, label, plain, quantity
 
 _OVER = ("succeeded", "failed", "stopped")
 
@@ -43,17 +43,17 @@ class Task:
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """The program's other plain variables as (label, text), in the program's order."""
+        """Counters and quantities as (label, text), in the program's order; bare fractions are its own affair."""
         if self.run is None:
             return []
         shown = []
         for name, value in self.run.data.items():
-            if name in ("turned", "turned_deg", "goal", "goal_deg") or name.startswith("_"):
+            if name in ("turned", "turned_deg", "goal", "goal_deg"):
                 continue
-            if isinstance(value, bool):
-                continue
-            if isinstance(value, int | float):
-                shown.append(quantity(name, float(value)) if "_" in name else (label(name), plain(float(value))))
+            if isinstance(value, int) and not isinstance(value, bool):
+                shown.append((label(name), plain(value)))
+            elif isinstance(value, float) and has_unit(name):
+                shown.append(quantity(name, value))
         return shown
 
     def why_not(self, command: str) -> str:

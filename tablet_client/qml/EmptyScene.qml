@@ -28,8 +28,8 @@ Item {
                 objectName: "emptyTitle"
                 width: parent.width
                 text: empty.mode === "waiting" ? qsTr("Waiting for a robot")
-                    : empty.mode === "loading" ? qsTr("Preparing the model of %1").arg(Words.name(empty.view.robot))
-                    : qsTr("%1 can't be drawn").arg(Words.name(empty.view.robot))
+                    : empty.mode === "loading" ? qsTr("Preparing the model of %1").arg(empty.view.robot)
+                    : qsTr("%1 can't be drawn").arg(empty.view.robot)
                 color: Theme.text
                 font.pixelSize: Math.round(24 * Theme.scale)
                 font.weight: Font.DemiBold

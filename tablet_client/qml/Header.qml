@@ -20,7 +20,7 @@ Rectangle {
         Column {
             Text {
                 objectName: "robotName"
-                text: header.view.robot ? Words.name(header.view.robot) : qsTr("Handrail")
+                text: header.view.robot || qsTr("Handrail")
                 color: Theme.text
                 font.pixelSize: Theme.title
                 font.weight: Font.DemiBold

@@ -7,7 +7,7 @@ import Handrail
 Window {
     id: window
 
-    property int antialiasing: 0
+    property int smoothing: 0
 
     width: 1280
     height: 800
@@ -41,7 +41,7 @@ Window {
                 objectName: "scenePanel"
                 Layout.fillWidth: true
                 Layout.fillHeight: true
-                antialiasing: window.antialiasing
+                smoothing: window.smoothing
             }
             ColumnLayout {
                 Layout.preferredWidth: Math.round(372 * Theme.scale)

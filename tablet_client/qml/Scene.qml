@@ -6,7 +6,7 @@ import Handrail
 View3D {
     id: view
 
-    property int antialiasing: 0 // 0: none, 1: when nothing moves, 2: always
+    property int smoothing: 0 // 0: none, 1: when nothing moves, 2: always, 3: for pictures
     property alias rig: rig
 
     objectName: "scene"
@@ -14,15 +14,14 @@ View3D {
     environment: SceneEnvironment {
         backgroundMode: SceneEnvironment.Transparent
         clearColor: "transparent"
-        antialiasingMode: view.antialiasing === 2 ? SceneEnvironment.MSAA
-            : view.antialiasing === 1 ? SceneEnvironment.ProgressiveAA : SceneEnvironment.NoAA
+        antialiasingMode: [SceneEnvironment.NoAA, SceneEnvironment.ProgressiveAA, SceneEnvironment.MSAA,
+                           SceneEnvironment.SSAA][view.smoothing]
         antialiasingQuality: SceneEnvironment.High
     }
 
     CameraRig { id: rig }
-    DirectionalLight { eulerRotation: Qt.vector3d(-48, 28, 0); brightness: 0.95; ambientColor: Qt.rgba(0.20, 0.22, 0.25, 1) }
-    DirectionalLight { eulerRotation: Qt.vector3d(-12, -70, 0); brightness: 0.32; color: "#cfe2ff" }
-    DirectionalLight { eulerRotation: Qt.vector3d(-25, 165, 0); brightness: 0.42; color: "#ffe9d2" }
+    DirectionalLight { eulerRotation: Qt.vector3d(-46, 20, 0); brightness: 0.72; ambientColor: Qt.rgba(0.13, 0.14, 0.16, 1) }
+    DirectionalLight { eulerRotation: Qt.vector3d(-14, -105, 0); brightness: 0.32; color: "#c9deff" }
 
     Node {
         id: world

@@ -6,7 +6,7 @@ Rectangle {
     id: panel
 
     property alias scene: scene
-    property int antialiasing: 0
+    property int smoothing: 0
 
     radius: Theme.radius
     border.color: input.activeFocus && input.byKeyboard ? Theme.accent : Theme.line
@@ -16,7 +16,7 @@ Rectangle {
     }
     clip: true
 
-    Scene { id: scene; anchors { fill: parent; margins: 1 } antialiasing: panel.antialiasing }
+    Scene { id: scene; anchors { fill: parent; margins: 1 } smoothing: panel.smoothing }
 
     // One finger or the left button orbits, two fingers or the right button pan, pinch or wheel zooms.
     Item {

@@ -50,7 +50,10 @@ Panel {
                 text: qsTr("Start one on the robot's computer:")
                 color: Theme.muted; font.pixelSize: Theme.small; wrapMode: Text.Wrap
             }
-            Command { text: "handrail program run turn_valve"; width: parent.width }
+            Command {
+                width: parent.width
+                text: "handrail program run turn_valve --bind arm=right --bind valve=" + (desk.header.places[0] || "INSTANCE")
+            }
         }
 
         RowLayout {

@@ -34,10 +34,10 @@ class Bodies(QAbstractListModel):
         super().__init__()
         self._rows: list[Body] = []
 
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008, N802
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(self._rows)
 
-    def roleNames(self) -> dict[int, QByteArray]:  # noqa: N802
+    def roleNames(self) -> dict[int, QByteArray]:
         return {_FIRST + number: QByteArray(name.encode()) for number, name in enumerate(_ROLES)}
 
     def data(self, index: _Index, role: int = 0) -> Any:

@@ -1,4 +1,4 @@
-"""Meshes and lines as Qt Quick 3D geometries. Keep a Python reference to each: when the last one goes, it vanishes from the view."""
+"""Meshes and lines as Qt Quick 3D geometries. Keep a Python reference to each, or it vanishes."""
 
 from __future__ import annotations
 

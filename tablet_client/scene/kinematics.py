@@ -89,8 +89,8 @@ class Chain:
         local = self._mounts @ motion
         world = np.empty_like(local)
         for body, parent in enumerate(self._parents):
-            world[..., body, :, :] = local[..., body, :, :] if parent < 0 else (
-                world[..., parent, :, :] @ local[..., body, :, :]
+            world[..., body, :, :] = (
+                local[..., body, :, :] if parent < 0 else (world[..., parent, :, :] @ local[..., body, :, :])
             )
         return world
 

@@ -74,7 +74,9 @@ def _mesh(geometry: yourdfpy.Geometry, cache: Path) -> Mesh:
     return shaded(trimesh.creation.box(extents=geometry.box.size))
 
 
-def _color(material: yourdfpy.Material | None, named: dict[str, yourdfpy.Material]) -> tuple[float, float, float, float]:
+def _color(
+    material: yourdfpy.Material | None, named: dict[str, yourdfpy.Material]
+) -> tuple[float, float, float, float]:
     if material is not None and material.color is None:
         material = named.get(material.name, material)
     if material is None or material.color is None:

@@ -35,7 +35,9 @@ def solid(kind: str, size: tuple[float, ...]) -> Mesh:
 
 def shapes(parts: Iterable[Shape]) -> Mesh:
     """A template's shapes as one mesh in the template's frame."""
-    return merged(solid(part.kind, tuple(part.size)).painted(part.color).transformed(part.pose_in_template) for part in parts)
+    return merged(
+        solid(part.kind, tuple(part.size)).painted(part.color).transformed(part.pose_in_template) for part in parts
+    )
 
 
 def tube(points: np.ndarray, radius: float, color: Sequence[float]) -> Mesh:
@@ -59,11 +61,16 @@ def tube(points: np.ndarray, radius: float, color: Sequence[float]) -> Mesh:
     ring = np.arange(len(points) - 1)[:, None] * sides
     here, there = ring + np.arange(sides), ring + (np.arange(sides) + 1) % sides
     faces = np.concatenate(
-        [np.stack([here, there, here + sides], -1).reshape(-1, 3), np.stack([there, there + sides, here + sides], -1).reshape(-1, 3)]
+        [
+            np.stack([here, there, here + sides], -1).reshape(-1, 3),
+            np.stack([there, there + sides, here + sides], -1).reshape(-1, 3),
+        ]
     )
     return Mesh(
-        vertices.astype(np.float32), normals.reshape(-1, 3).astype(np.float32),
-        np.zeros((len(vertices), 4), np.float32), faces.astype(np.uint32),
+        vertices.astype(np.float32),
+        normals.reshape(-1, 3).astype(np.float32),
+        np.zeros((len(vertices), 4), np.float32),
+        faces.astype(np.uint32),
     ).painted(color)
 
 
@@ -74,7 +81,7 @@ def floor_grid(size: float, step: float, color: Sequence[float]) -> tuple[np.nda
     # Cut each line into cells, so that its opacity can fade with distance from the centre.
     a, b = np.meshgrid(ticks, ticks[:-1], indexing="ij")
     start = np.stack([b, a, 0 * a], -1).reshape(-1, 3)
-    end = start + [step, 0.0, 0.0]
+    end = start + np.array([step, 0.0, 0.0])
     along_x = np.stack([start, end], 1).reshape(-1, 3)
     vertices = np.concatenate([along_x, along_x[:, [1, 0, 2]]])
     fade = np.clip(1.0 - np.linalg.norm(vertices, axis=1) / size, 0.0, 1.0) ** 1.5

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Property, QObject, Signal
@@ -21,6 +23,7 @@ from tablet_client.scene import robot as drawn
 from tablet_client.scene import solids
 from tablet_client.scene.bodies import Bodies
 from tablet_client.scene.geometry import LineGeometry, MeshGeometry
+from tablet_client.scene.meshes import EMPTY, Mesh
 
 _GRID = (0.42, 0.5, 0.58, 0.55)
 _FRESH, _STALE = (0.35, 0.72, 1.0, 1.0), (1.0, 0.36, 0.32, 1.0)
@@ -29,6 +32,8 @@ _TRAIL_RADIUS = 0.0035  # m
 # A ghost's body that coincides with the robot's would flicker: it is left out until it is this far away.
 _APART = 0.004  # m
 _TURNED = 0.02  # rad
+DIFFERS = "differs"
+_LIST: Any = "QVariantList"  # PySide takes the names of Qt's types; its stubs do not
 
 Describe = Callable[[str], RobotDescription]
 
@@ -53,7 +58,9 @@ class Stage(QObject):
         self._grid = LineGeometry(*solids.floor_grid(3.0, 0.25, _GRID))
         self._geometries: list[MeshGeometry] = []
         self._drawn_instances: dict[str, InstanceState] = {}
-        self._drawn_ghost: tuple[object, ...] = ()
+        self._problems: dict[str, str] = {}
+        self._drawn_pose: tuple[object, ...] = ()
+        self._closed = threading.Event()
         self._drawn_trail: tuple[object, ...] = ()
         self._ghost_shown = self._ghost_stale = False
         self._focus = QVector3D(0.3, -0.15, 0.15)
@@ -61,7 +68,7 @@ class Stage(QObject):
         self._failed.connect(self._take_failure)
         self._progressed.connect(self._take_progress)
 
-    def _get(name: str) -> Callable[[Stage], object]:  # type: ignore[misc]  # noqa: N805
+    def _get(name: str) -> Callable[[Stage], object]:  # type: ignore[misc]
         return lambda self: getattr(self, name)
 
     bodies = Property(QObject, _get("_bodies"), constant=True)
@@ -73,28 +80,43 @@ class Stage(QObject):
     """`none`, `loading`, `ready` or `failed`"""
     problem = Property(str, _get("_problem"), notify=changed)
     progress = Property(float, _get("_progress"), notify=changed)
-    ghostShown = Property(bool, _get("_ghost_shown"), notify=changed)  # noqa: N815
-    ghostStale = Property(bool, _get("_ghost_stale"), notify=changed)  # noqa: N815
+    ghostShown = Property(bool, _get("_ghost_shown"), notify=changed)
+    ghostStale = Property(bool, _get("_ghost_stale"), notify=changed)
     focus = Property(QVector3D, _get("_focus"), notify=changed)
     """m, world: the first template instance, where the work is"""
+
+    @Property(_LIST, notify=changed)
+    def problems(self) -> list[dict[str, str]]:
+        """Instances that are not drawn as the robot knows them: name and reason (`differs`: another version of the template)."""
+        return [{"name": name, "why": why} for name, why in self._problems.items() if why]
 
     @Property(float, notify=changed)
     def floor(self) -> float:
         """m, world"""
         return self._robot.floor if self._robot else 0.0
 
-    def show(self, situation: Situation) -> None:
-        """Draw what the models know."""
-        info = situation.robot.info
+    def show(self, situation: Situation) -> bool:
+        """Draw what the models know. True when that needs a new frame."""
+        info, state = situation.robot.info, situation.robot.state
         if info is not None and info.name != self._asked:
             self._load(info.name)
-        self._show_instances(situation.world.instances)
-        if self._robot is None or situation.robot.state is None or info is None:
-            return
-        position = self._ordered(info.joints, situation.robot.state.position)
+        moved = self._show_instances(situation.world.instances)
+        if self._robot is None or state is None or info is None:
+            return moved
+        plans = situation.plans
+        pose = (self._robot, state.position, plans.shown, plans.time)
+        if pose == self._drawn_pose:
+            return moved
+        self._drawn_pose = pose
+        position = self._ordered(info.joints, state.position)
         poses = self._robot.chain.poses(position)
         self._bodies.pose(poses)
         self._show_ghost(situation, position, poses)
+        return True
+
+    def close(self) -> None:
+        """Nothing that is still loading will be shown."""
+        self._closed.set()
 
     # ---------------------------------------------------------------------------------------------------------- robot
 
@@ -105,15 +127,18 @@ class Stage(QObject):
         self._ghost.replace([])
         self.changed.emit()
 
+        def tell(signal: Any, *values: object) -> None:
+            if not self._closed.is_set():
+                with contextlib.suppress(RuntimeError):  # Qt's half of this object has just gone
+                    signal.emit(*values)
+
         def work() -> None:
             try:
-                robot = drawn.load(
-                    self._describe(name), self._cache, lambda done, of: self._progressed.emit(done, of)
-                )
+                robot = drawn.load(self._describe(name), self._cache, lambda done, of: tell(self._progressed, done, of))
             except (ConfigError, OSError, ValueError, KeyError) as error:
-                self._failed.emit(name, str(error))
+                tell(self._failed, name, str(error))
             else:
-                self._loaded.emit(robot)
+                tell(self._loaded, robot)
 
         threading.Thread(target=work, name="tablet-model", daemon=True).start()
 
@@ -122,16 +147,12 @@ class Stage(QObject):
             return
         self._robot = robot
         self._geometries = [MeshGeometry(mesh) for mesh in robot.meshes]
-        named = [
-            (name, geometry)
-            for name, geometry, mesh in zip(robot.chain.bodies, self._geometries, robot.meshes, strict=True)
-            if len(mesh.faces) or name
-        ]
+        named = list(zip(robot.chain.bodies, self._geometries, strict=True))
         self._bodies.replace(named)
         self._ghost.replace(named)
         self._ghost.hide()
-        home = np.zeros(len(robot.chain.joints))
-        self._bodies.pose(robot.chain.poses(home))
+        self._bodies.pose(robot.chain.poses(np.zeros(len(robot.chain.joints))))
+        self._drawn_pose = ()
         self._state = "ready"
         self.changed.emit()
 
@@ -191,36 +212,47 @@ class Stage(QObject):
 
     # ------------------------------------------------------------------------------------------------------ templates
 
-    def _show_instances(self, instances: dict[str, InstanceState]) -> None:
+    def _show_instances(self, instances: dict[str, InstanceState]) -> bool:
+        """True when something changed."""
         if instances == self._drawn_instances:
-            return
+            return False
         if list(instances) != self._templates.names():
             self._templates.replace([(name, MeshGeometry()) for name in instances])
             self._drawn_instances = {}
+            self._problems = {}
         poses = []
         for row, (name, state) in enumerate(instances.items()):
             before = self._drawn_instances.get(name)
             if before is None or _shape(before) != _shape(state):
                 geometry = self._templates.geometry(row)
                 assert isinstance(geometry, MeshGeometry)
-                geometry.show(_mesh(state))
+                mesh, self._problems[name] = _template(state)
+                geometry.show(mesh)
             poses.append(_matrix(state.pose_in_world))
         self._templates.pose(np.array(poses))
         self._drawn_instances = dict(instances)
         first = next(iter(instances.values()), None)
         if first is not None:
             self._focus = QVector3D(*first.pose_in_world.position)
-            self.changed.emit()
+        self.changed.emit()
+        return True
 
 
 def _shape(state: InstanceState) -> tuple[object, ...]:
     return state.template, state.template_hash, state.parameters, state.joint_state
 
 
-def _mesh(state: InstanceState) -> solids.Mesh:
-    template = catalogue.load(state.template)
-    instance = Instance(state.name, template, state.pose_in_world, state.parameters, state.joint_state, state.version)
-    return solids.shapes(instance.resolve().shapes)
+def _template(state: InstanceState) -> tuple[Mesh, str]:
+    """An instance's shapes, and what is wrong with them (nothing: empty)."""
+    try:
+        template = catalogue.load(state.template)
+        instance = Instance(
+            state.name, template, state.pose_in_world, state.parameters, state.joint_state, state.version
+        )
+        mesh = solids.shapes(instance.resolve().shapes)
+    except (ConfigError, ValueError) as error:
+        return EMPTY, str(error)
+    return mesh, "" if template.hash == state.template_hash else DIFFERS
 
 
 def _matrix(pose: Pose) -> np.ndarray:

@@ -8,7 +8,7 @@ import shutil
 import socket
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from handrail.link.gate import Gate
 from handrail.messages import (
     DaemonCall,
     DaemonStatus,
+    DriveStatus,
     EngineCall,
     EngineSnapshot,
     GetEngine,
@@ -49,13 +50,13 @@ ROBOT = RobotInfo(
 )
 
 
-def status(time_ns: int = 0) -> DaemonStatus:
+def status(time_ns: int = 0, *, enabled: bool = False, drives: Sequence[DriveStatus] = ()) -> DaemonStatus:
     return DaemonStatus(
         time_ns=time_ns,
         clock="lockstep",
-        enabled=False,
+        enabled=enabled,
         stopped=False,
-        drives=[],
+        drives=list(drives),
         controllers={},
         loop=LoopStatistics(),
         buses=[],
@@ -137,6 +138,8 @@ class RunningGate:
 
 class Stand:
     """Everything that a test of the link needs, started on demand and closed at its end."""
+
+    status = staticmethod(status)
 
     def __init__(self, folder: Path):
         self.runtime = Runtime.at(folder / "r")

@@ -19,9 +19,12 @@ from handrail.messages import (
     AnswerPrompt,
     ClearStop,
     DaemonStatus,
+    Disable,
+    DriveStatus,
     Enable,
     GetEngine,
     GetRobot,
+    GetStatus,
     JointTrajectory,
     MakePlan,
     PlaceInstance,
@@ -46,15 +49,36 @@ class TestCalls:
         daemon, engine, _ = stand.daemon(), stand.engine(), stand.gate()
         client = stand.client()
         assert client.robot().tools == {"right": "tool_right"}
-        client.enable()
+        client.disable()
         pose = Pose(position=(0.55, -0.35, 0.3))
         assert client.place_instance("wheel_1", "wheel", pose).pose_in_world == pose
         client.answer("p1", "approve")
-        assert [type(message) for message in daemon.asked] == [GetRobot, Enable]
+        assert [type(message) for message in daemon.asked] == [GetRobot, Disable]
         assert engine.asked == [
             PlaceInstance(name="wheel_1", template="wheel", pose_in_world=pose),
             AnswerPrompt(id="p1", answer="approve"),
         ]
+
+    def test_to_enable_return_when_the_robot_holds(self, stand):
+        daemon, _ = stand.daemon(), stand.gate()
+        client = stand.client()
+        now = {"enabled": False}
+        daemon.answers[GetStatus] = lambda _: stand.status(**now)
+
+        def enable(_):
+            now["enabled"] = True  # by the time the drives are there; the caller hears of it as an event
+            daemon.publish(stand.status(enabled=True))
+
+        daemon.answers[Enable] = enable
+        client.enable()
+        assert client.status().enabled
+
+    def test_to_enable_name_the_drives_that_do_not_get_there(self, stand):
+        daemon, _ = stand.daemon(), stand.gate()
+        late = DriveStatus(joint="arm_right_1_joint", state="fault")
+        daemon.answers[GetStatus] = lambda _: stand.status(drives=[late])
+        with pytest.raises(TimeoutError, match="arm_right_1_joint fault"):
+            stand.client().enable(timeout_s=0.3)
 
     def test_that_are_refused_raise_with_field_value_and_expectation(self, stand):
         stand.engine(), stand.gate()

@@ -23,8 +23,6 @@ from handrail import messages
 from handrail.runtime import Runtime, memory_folder
 from handrail.topics import Subscriber
 
-READY = ("plant", "loop", "server", "engine", "link")
-
 
 def free_port() -> int:
     """A port with a free neighbour: the link's calls and its events."""
@@ -76,6 +74,9 @@ class Stack:
                 if left <= 0 or self.process.poll() is not None:
                     pytest.fail(f"{what} never came; the service said:\n{''.join(self.output)}")
                 self._heard.wait(min(left, 0.5))
+
+    def wait_up(self) -> None:
+        self.wait_output(lambda line: "All up" in line, "everything up")
 
     def connect(self) -> handrail.client.Client:
         return handrail.connect(f"tcp://127.0.0.1:{self.port}")
@@ -161,7 +162,7 @@ def running_stack(start_stack) -> Callable[..., Stack]:
 
     def run(**options) -> Stack:
         stack = start_stack(**options)
-        stack.wait_output(lambda line: "link ready" in line or ("ready" in line and "link" in line), "the link")
+        stack.wait_up()
         robot = stack.connect()
         stack.robot = robot
         robot.enable()

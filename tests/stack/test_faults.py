@@ -190,7 +190,7 @@ def test_a_second_process_on_the_bus_sees_every_frame_and_stock_cantools_decodes
 
 def test_a_moved_template_makes_its_plan_stale_and_the_plan_is_refused(start_stack):
     stack = start_stack()
-    stack.wait_output(lambda line: "ready" in line and "link" in line, "the link")
+    stack.wait_up()
     robot = stack.connect()
     robot.enable()
     robot.place_instance("wheel_1", "wheel", messages.Pose(position=(0.55, -0.35, 0.30)))

@@ -113,8 +113,12 @@ class FakeRobot:
         """A plan that lifts the right arm: two segments, 3 s."""
         joints = list(self.description.arms["right"].joints)
         start = [self.position[self.description.index(joint)] for joint in joints]
-        middle = [value + shift for value, shift in zip(start, (0.25, 0.1, -0.2, 0.25, -0.3, 0.4, 0.2, 0.0, 0.0), strict=True)]
-        goal = [value + shift for value, shift in zip(middle, (0.1, 0.0, -0.2, 0.1, 0.1, 0.2, 0.0, 0.2, 0.1), strict=True)]
+        middle = [
+            value + shift for value, shift in zip(start, (0.25, 0.1, -0.2, 0.25, -0.3, 0.4, 0.2, 0.0, 0.0), strict=True)
+        ]
+        goal = [
+            value + shift for value, shift in zip(middle, (0.1, 0.0, -0.2, 0.1, 0.1, 0.2, 0.0, 0.2, 0.1), strict=True)
+        ]
         fields: dict[str, Any] = {
             "id": plan,
             "label": "Stroke 1",

@@ -216,7 +216,9 @@ def test_a_joint_near_its_limit_ends_an_action_that_asks_for_it(enabled) -> None
     assert enabled.snapshot()["actions"][0]["joint"] == joint
 
 
-@pytest.mark.parametrize(("ends", "outcome"), [((DivergenceEnd(error=0.1),), Outcome.CONDITION), ((), Outcome.DIVERGED)])
+@pytest.mark.parametrize(
+    ("ends", "outcome"), [((DivergenceEnd(error=0.1),), Outcome.CONDITION), ((), Outcome.DIVERGED)]
+)
 def test_a_joint_pushed_away_from_its_command_ends_the_action(enabled, ends, outcome: Outcome) -> None:
     joint = enabled.index("arm_right_7_joint")
     enabled.start(enabled.move("arm_right_7_joint", 0.05, 5.0), ends)

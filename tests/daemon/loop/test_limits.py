@@ -29,9 +29,7 @@ def command(**rows: list[float]) -> JointCommand:
 
 def test_a_command_within_the_limits_is_left_alone() -> None:
     previous = command(position=[0.1, 0.2], stiffness=[500, 60], damping=[20, 1], torque=[10, 2])
-    wanted = command(
-        position=[0.101, 0.2], velocity=[0.02, 0], stiffness=[500, 60], damping=[20, 1], torque=[10, 2.1]
-    )
+    wanted = command(position=[0.101, 0.2], velocity=[0.02, 0], stiffness=[500, 60], damping=[20, 1], torque=[10, 2.1])
     before, state = command(), JointState(2)
     before.copy_from(wanted)
     state.position[:] = [0.09, 0.19]

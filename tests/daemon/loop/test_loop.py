@@ -225,7 +225,9 @@ def test_each_owner_holds_time_for_itself(bench) -> None:
     assert bench.loop.holds.active() == []
 
 
-def test_the_same_commands_give_the_same_run_twice(bench, talos, talos_kinematics, talos_protocol, tmp_path_factory) -> None:
+def test_the_same_commands_give_the_same_run_twice(
+    bench, talos, talos_kinematics, talos_protocol, tmp_path_factory
+) -> None:
     import tempfile
     from pathlib import Path
 

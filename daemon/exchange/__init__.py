@@ -1,0 +1,70 @@
+"""What the daemon's loop and its server exchange: the snapshot that leaves each cycle, the commands that enter.
+
+Both are fixed numpy records in shared memory, so that the loop never decodes a message. The server turns messages into commands
+(`encode_start`, `encode_command`) and snapshots into messages (`robot_state`, `action_event`, ...); the loop turns a command into
+plain Python objects once (`decode`). Whoever carries them (daemon.ring) satisfies the protocols in `records`.
+
+Every command has a serial number that the server counts up. The loop handles at most one command a cycle and writes a snapshot
+that answers it (`answered`, `answer`), so the server may wait for the loop's word before it answers its caller.
+"""
+
+from daemon.exchange.commands import (
+    MOTION_CARTESIAN,
+    MOTION_TRAJECTORY,
+    CartesianMotion,
+    Command,
+    TrajectoryMotion,
+    decode,
+    encode_command,
+    encode_start,
+)
+from daemon.exchange.records import (
+    COMMAND,
+    COMMAND_ROWS,
+    CONTROLLERS,
+    MAX_ENDS,
+    MAX_HOLDS,
+    MAX_JOINTS,
+    SLOTS,
+    ActionState,
+    Answer,
+    CommandReader,
+    Flag,
+    Kind,
+    Outcome,
+    StateWriter,
+    frame_names,
+    snapshot_dtype,
+)
+from daemon.exchange.reports import action_event, active_controllers, explain, robot_state
+
+__all__ = [
+    "COMMAND",
+    "COMMAND_ROWS",
+    "CONTROLLERS",
+    "MAX_ENDS",
+    "MAX_HOLDS",
+    "MAX_JOINTS",
+    "MOTION_CARTESIAN",
+    "MOTION_TRAJECTORY",
+    "SLOTS",
+    "ActionState",
+    "Answer",
+    "CartesianMotion",
+    "Command",
+    "CommandReader",
+    "Flag",
+    "Kind",
+    "Outcome",
+    "StateWriter",
+    "TrajectoryMotion",
+    "action_event",
+    "active_controllers",
+    "decode",
+    "encode_command",
+    "encode_start",
+    "explain",
+    "frame_names",
+    "robot_state",
+    "snapshot_dtype",
+]

@@ -1,0 +1,191 @@
+"""Commands: written by the server from messages that it has checked, read once by the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.exchange.records import COMMAND, MAX_ENDS, MAX_JOINTS, Kind
+from handrail.messages import (
+    ContactEnd,
+    DivergenceEnd,
+    EndCondition,
+    ForceEnd,
+    JointLimitEnd,
+    JointTrajectory,
+    PathForce,
+    Pose,
+    PoseErrorEnd,
+    StartAction,
+    TimeEnd,
+)
+
+MOTION_TRAJECTORY, MOTION_CARTESIAN = 1, 2
+_END_KINDS: tuple[type, ...] = (TimeEnd, PoseErrorEnd, ForceEnd, ContactEnd, JointLimitEnd, DivergenceEnd)
+
+
+def encode_command(kind: Kind, serial: int, *, owner: int = 0, action: int = 0, value: float = 0.0) -> np.ndarray:
+    """Header of a command without payload. COMMAND, shape ()."""
+    header = np.zeros((), COMMAND)
+    header["serial"], header["kind"], header["owner"] = serial, kind, owner
+    header["action"], header["value"], header["frame"] = action, value, -1
+    return header
+
+
+def encode_start(
+    message: StartAction,
+    serial: int,
+    owner: int,
+    joint_index: Mapping[str, int],
+    frame_index: Mapping[str, int],
+) -> tuple[np.ndarray, NDArray[np.float64]]:
+    """(header, payload) of a StartAction that the server has checked already.
+
+    `joint_index`: position in RobotDescription.joints; `frame_index`: position in `frame_names`. Raises KeyError on a name that
+    isn't there, ValueError where the message has more joints or end conditions than a command holds.
+    """
+    header = encode_command(Kind.START, serial, owner=owner, value=message.hold_after_s)
+    motion = message.motion
+    if len(motion.joints) > MAX_JOINTS:
+        raise ValueError(f"motion.joints: {len(motion.joints)}; expected at most {MAX_JOINTS}")
+    if len(message.ends) > MAX_ENDS:
+        raise ValueError(f"ends: {len(message.ends)}; expected at most {MAX_ENDS}")
+    header["expires_ns"] = message.expires_ns
+    header["joint_count"] = len(motion.joints)
+    header["joints"][: len(motion.joints)] = [joint_index[name] for name in motion.joints]
+    header["end_count"] = len(message.ends)
+    for row, end in zip(header["ends"], message.ends, strict=False):
+        _encode_end(row, end, frame_index)
+    payload = np.zeros(0)
+    if isinstance(motion, JointTrajectory):
+        header["motion"], header["knot_count"] = MOTION_TRAJECTORY, len(motion.times)
+        if motion.path_force is not None:
+            header["frame"] = frame_index[motion.path_force.frame]
+            header["gain"], header["limit"] = motion.path_force.gain, motion.path_force.limit
+        knots = (motion.times, motion.positions, motion.velocities)
+        payload = np.concatenate([np.asarray(part, float).ravel() for part in knots])
+    else:
+        header["motion"], header["frame"] = MOTION_CARTESIAN, frame_index[motion.frame]
+        header["goal"][:3], header["goal"][3:] = motion.goal_in_world.position, motion.goal_in_world.orientation
+        header["duration"], header["stiffness"] = motion.duration, motion.stiffness
+    header["payload_length"] = len(payload)
+    return header, payload
+
+
+def _encode_end(row: np.void, end: EndCondition, frame_index: Mapping[str, int]) -> None:
+    row["kind"], row["frame"] = _END_KINDS.index(type(end)), -1
+    if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd):
+        row["frame"] = frame_index[end.frame]
+    if isinstance(end, PoseErrorEnd | ForceEnd) and end.axis is not None:
+        row["has_axis"], row["axis"] = 1, end.axis
+    if isinstance(end, TimeEnd):
+        row["value"] = end.after
+    elif isinstance(end, PoseErrorEnd):
+        row["value"] = end.position
+    elif isinstance(end, ForceEnd):
+        row["value"] = end.limit
+    elif isinstance(end, ContactEnd):
+        row["value"] = end.threshold
+    elif isinstance(end, JointLimitEnd):
+        row["value"] = end.margin
+    else:
+        row["value"] = end.error
+
+
+@dataclass(frozen=True)
+class TrajectoryMotion:
+    """Knots to follow; k knots, m joints."""
+
+    joints: NDArray[np.int64]
+    """(m,) indices into RobotDescription.joints"""
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    path_force: PathForce | None = None
+
+
+@dataclass(frozen=True)
+class CartesianMotion:
+    """A straight line of one frame to a goal."""
+
+    joints: NDArray[np.int64]
+    frame: str
+    goal_in_world: Pose
+    duration: float
+    stiffness: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command as the loop handles it."""
+
+    serial: int
+    kind: Kind
+    owner: int = 0
+    action: int = 0
+    value: float = 0.0
+    expires_ns: int = 0
+    motion: TrajectoryMotion | CartesianMotion | None = None
+    ends: tuple[EndCondition, ...] = ()
+
+
+def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Command:
+    """A command from its header (COMMAND, shape () or (1,)) and payload; owns its arrays.
+
+    `frames`: `frame_names(description)`. Raises ValueError where header and payload don't fit each other.
+    """
+    header = header.reshape(())
+    kind = Kind(int(header["kind"]))
+    motion: TrajectoryMotion | CartesianMotion | None = None
+    ends: tuple[EndCondition, ...] = ()
+    if kind is Kind.START:
+        m, k = int(header["joint_count"]), int(header["knot_count"])
+        if not 0 < m <= MAX_JOINTS or int(header["end_count"]) > MAX_ENDS:
+            raise ValueError(f"command {int(header['serial'])}: {m} joints, {int(header['end_count'])} end conditions")
+        joints = header["joints"][:m].astype(np.int64)
+        frame = int(header["frame"])
+        if int(header["motion"]) == MOTION_TRAJECTORY:
+            if k < 1 or len(payload) != k * (1 + 2 * m):
+                raise ValueError(f"command {int(header['serial'])}: {len(payload)} numbers for {k} knots of {m} joints")
+            own = np.array(payload, float)
+            force = None
+            if frame >= 0:
+                force = PathForce(frame=frames[frame], gain=float(header["gain"]), limit=float(header["limit"]))
+            positions, velocities = own[k : k + k * m].reshape(k, m), own[k + k * m :].reshape(k, m)
+            motion = TrajectoryMotion(joints, own[:k], positions, velocities, force)
+        else:
+            goal = [float(x) for x in header["goal"]]
+            pose = Pose(position=(goal[0], goal[1], goal[2]), orientation=(goal[3], goal[4], goal[5], goal[6]))
+            stiffness = (float(header["stiffness"][0]), float(header["stiffness"][1]))
+            motion = CartesianMotion(joints, frames[frame], pose, float(header["duration"]), stiffness)
+        ends = tuple(_decode_end(row, frames) for row in header["ends"][: int(header["end_count"])])
+    return Command(
+        serial=int(header["serial"]),
+        kind=kind,
+        owner=int(header["owner"]),
+        action=int(header["action"]),
+        value=float(header["value"]),
+        expires_ns=int(header["expires_ns"]),
+        motion=motion,
+        ends=ends,
+    )
+
+
+def _decode_end(row: np.void, frames: Sequence[str]) -> EndCondition:
+    value, frame = float(row["value"]), frames[int(row["frame"])] if row["frame"] >= 0 else ""
+    axis = (float(row["axis"][0]), float(row["axis"][1]), float(row["axis"][2]))
+    kind = _END_KINDS[int(row["kind"])]
+    if kind is TimeEnd:
+        return TimeEnd(after=value)
+    if kind is PoseErrorEnd:
+        return PoseErrorEnd(frame=frame, position=value, axis=axis if row["has_axis"] else None)
+    if kind is ForceEnd:
+        return ForceEnd(frame=frame, axis=axis, limit=value)
+    if kind is ContactEnd:
+        return ContactEnd(frame=frame, threshold=value)
+    if kind is JointLimitEnd:
+        return JointLimitEnd(margin=value)
+    return DivergenceEnd(error=value)

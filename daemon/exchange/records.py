@@ -1,0 +1,214 @@
+"""The records themselves: what a snapshot and a command hold, field by field, and the codes in them."""
+
+from __future__ import annotations
+
+import enum
+from typing import Protocol
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handrail.robot.description import RobotDescription
+
+SLOTS = 4
+"""Actions that may run at the same time, on different joints."""
+MAX_JOINTS = 64
+MAX_ENDS = 16
+MAX_HOLDS = 8
+"""Owners that may hold simulated time at once."""
+COMMAND_ROWS = ("position", "velocity", "torque", "stiffness", "damping")
+"""Rows of the snapshot's `command`: rad, rad/s, N·m, N·m/rad, N·m·s/rad."""
+
+
+class Flag(enum.IntFlag):
+    """Bits of the snapshot's `flags`."""
+
+    ENABLED = 1
+    """every drive in operation enabled and a controller active on every joint"""
+    STOPPED = 2
+    """the operator stop is latched"""
+    ENABLING = 4
+    """on the way to operation enabled"""
+    HELD = 8
+    """simulated time is held"""
+
+
+class ActionState(enum.IntEnum):
+    EMPTY = 0
+    RUNNING = 1
+    PAUSED = 2
+    ENDED = 3
+
+
+class Outcome(enum.IntEnum):
+    """Why an action ended. The lower-case name is ActionEvent.outcome, but for CONDITION: there the end condition's tag is."""
+
+    NONE = 0
+    DONE = 1
+    CANCELLED = 2
+    STOPPED = 3
+    OWNER_LOST = 4
+    REFUSED_BY_LIMITS = 5
+    DRIVE_FAULT = 6
+    DIVERGED = 7
+    CONDITION = 8
+    """`condition` is the index in StartAction.ends"""
+
+
+class Kind(enum.IntEnum):
+    """What a command asks for. Stop and ClearStop don't come this way: they go to the stop socket, which is read first."""
+
+    ENABLE = 1
+    DISABLE = 2
+    START = 3
+    CANCEL = 4
+    """`action`; the outcome is `cancelled`"""
+    PAUSE = 5
+    RESUME = 6
+    LOSE_OWNER = 7
+    """cancel every running action of `owner`; the outcome is `owner_lost`"""
+    HOLD_TIME = 8
+    """`owner`, `value` s of wall time at most (lock-step only)"""
+    RELEASE_TIME = 9
+
+
+class Answer(enum.IntEnum):
+    """The loop's word on a command. `explain` says it for people."""
+
+    NONE = 0
+    ACCEPTED = 1
+    NOT_ENABLED = 2
+    STOP_LATCHED = 3
+    CLAIMED = 4
+    """`answer_joint` is claimed by another running action"""
+    START_OFF = 5
+    """the first knot of `answer_joint` is `answer_value` rad from what the robot is commanded"""
+    EXPIRED = 6
+    NO_SUCH_ACTION = 7
+    TOO_MANY = 8
+    """all action slots, or all holds, are taken"""
+    DRIVE_FAULT = 9
+    """the drive of `answer_joint` does not reach operation enabled"""
+    MALFORMED = 10
+
+
+CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance")
+"""Names of the codes in the snapshot's `claims`; 0: nobody commands this joint."""
+
+_END = np.dtype([("kind", "u1"), ("has_axis", "u1"), ("frame", "i2"), ("value", "f8"), ("axis", "f8", 3)], align=True)
+
+COMMAND = np.dtype(
+    [
+        ("serial", "u8"),
+        ("kind", "u4"),
+        ("owner", "u4"),  # number that the server gives each owner, from 1
+        ("action", "u8"),  # CANCEL, PAUSE, RESUME: serial of the START meant
+        ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s
+        ("expires_ns", "i8"),
+        ("motion", "u4"),
+        ("joint_count", "u4"),
+        ("knot_count", "u4"),
+        ("end_count", "u4"),
+        ("joints", "i2", MAX_JOINTS),
+        ("frame", "i4"),  # index into frame_names(); path force or Cartesian motion; -1: none
+        ("gain", "f8"),
+        ("limit", "f8"),
+        ("goal", "f8", 7),  # position m, quaternion x y z w
+        ("duration", "f8"),
+        ("stiffness", "f8", 2),
+        ("ends", _END, MAX_ENDS),
+        ("payload_length", "u8"),  # float64s that follow
+    ],
+    align=True,
+)
+"""A command's header; a trajectory's knots follow as float64: times (k), positions (k·m), velocities (k·m)."""
+
+
+def snapshot_dtype(joints: int, channels: int) -> np.dtype:
+    """The record that the loop writes in every cycle, for a robot of `joints` joints on `channels` buses."""
+    n = joints
+    action = np.dtype(
+        [
+            ("serial", "u8"),  # of the START; 0: never used
+            ("owner", "u4"),
+            ("state", "u1"),
+            ("outcome", "u1"),
+            ("condition", "i2"),
+            ("joint", "i2"),  # the joint that it was about, -1: none
+            ("value", "f8"),  # the number that tripped: s, m, N or rad
+            ("cycle", "i8"),  # of the last change of state
+            ("time_ns", "i8"),
+            ("path_force", "f8"),  # N
+            ("progress", "f8"),  # s along the path
+            ("position", "f8", n),  # rad, measured in the cycle of the last change of state
+            ("command", "f8", n),  # rad, what was written in that cycle
+        ],
+        align=True,
+    )
+    return np.dtype(
+        [
+            ("cycle", "i8"),
+            ("time_ns", "i8"),  # robot's clock
+            ("position", "f8", n),
+            ("velocity", "f8", n),
+            ("torque", "f8", n),
+            ("command", "f8", (len(COMMAND_ROWS), n)),
+            ("mode", "u1", n),
+            ("claims", "u1", n),  # index into CONTROLLERS
+            ("external_force", "f8", 3),
+            ("status", "u2", n),  # CiA 402 statusword
+            ("error", "u1", n),
+            ("temperature", "f4", n),
+            ("age", "i4", n),  # cycles since the drive's last valid reply
+            ("flags", "u4"),
+            ("stop_reason", "S256"),  # UTF-8
+            ("holds", "u4", MAX_HOLDS),  # owners that hold simulated time, 0: none
+            ("answered", "u8"),  # serial of the last command handled
+            ("answer", "u1"),
+            ("answer_joint", "i2"),
+            ("answer_value", "f8"),
+            ("actions", action, SLOTS),
+            ("misses", "i8"),  # periods skipped
+            ("stale_replies", "i8"),
+            ("crc_errors", "i8"),
+            ("limited", "i8"),  # cycles in which the final limits changed a command
+            ("work_ns", "i8"),  # of the cycle before this one
+            ("late_ns", "i8"),
+            ("frames_sent", "i8", channels),
+            ("frames_received", "i8", channels),
+            ("busy_ns", "i8", channels),  # bus time in use since the start, both directions
+        ],
+        align=True,
+    )
+
+
+def frame_names(description: RobotDescription) -> tuple[str, ...]:
+    """Frames that a command may name: the URDF's links in the file's order, then the arms' tools and tips that are no links.
+
+    Loop and server make the same table, so an index says it all and the server needs no pinocchio.
+    """
+    names = [link.attrib["name"] for link in ElementTree.parse(description.urdf).getroot().iter("link")]
+    for arm in description.arms.values():
+        names += [frame for frame in (arm.tool, arm.tip) if frame not in names]
+    return tuple(names)
+
+
+class StateWriter(Protocol):
+    """The loop's end of the ring (daemon.ring.StateRingWriter)."""
+
+    record: np.ndarray
+    """snapshot_dtype, shape (): filled by the loop"""
+
+    def publish(self) -> int:
+        """Let readers see a copy of `record`; never blocks."""
+
+
+class CommandReader(Protocol):
+    """The loop's end of the mailbox (daemon.ring.MailboxReader)."""
+
+    def take(self) -> tuple[np.ndarray, NDArray[np.float64]] | None:
+        """(header COMMAND shape (1,), payload) of the oldest waiting command, valid until `done`; None when none waits."""
+
+    def done(self) -> None:
+        """Give the command taken last back."""

@@ -1,0 +1,85 @@
+"""Snapshots, turned by the server into the messages that clients see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from daemon.exchange.records import CONTROLLERS, ActionState, Answer, Outcome
+from handrail.messages import ActionEvent, EndCondition, RobotState
+
+
+def robot_state(snapshot: np.ndarray) -> RobotState:
+    """The snapshot (shape ()) as the message that clients see."""
+    force = snapshot["external_force"]
+    return RobotState(
+        time_ns=int(snapshot["time_ns"]),
+        cycle=int(snapshot["cycle"]),
+        position=snapshot["position"].tolist(),
+        velocity=snapshot["velocity"].tolist(),
+        torque=snapshot["torque"].tolist(),
+        command=snapshot["command"][0].tolist(),
+        external_force=(float(force[0]), float(force[1]), float(force[2])),
+    )
+
+
+def active_controllers(snapshot: np.ndarray, joints: Sequence[str]) -> dict[str, list[str]]:
+    """Active controller → the joints that it claims."""
+    claimed: dict[str, list[str]] = {}
+    for joint, code in zip(joints, snapshot["claims"], strict=True):
+        if code:
+            claimed.setdefault(CONTROLLERS[code], []).append(joint)
+    return claimed
+
+
+def action_event(
+    slot: np.ndarray | np.void, action_id: str, ends: Sequence[EndCondition], joints: Sequence[str]
+) -> ActionEvent:
+    """A slot of a snapshot as an event; `action_id` and `ends` are those of the StartAction with the slot's serial."""
+    state = ActionState(int(slot["state"]))
+    if state is not ActionState.ENDED:
+        name: Literal["running", "paused"] = "paused" if state is ActionState.PAUSED else "running"
+        return ActionEvent(id=action_id, state=name, time_ns=int(slot["time_ns"]), cycle=int(slot["cycle"]))
+    outcome = Outcome(int(slot["outcome"]))
+    text = outcome.name.lower()
+    detail = ""
+    if outcome is Outcome.CONDITION:
+        end = ends[int(slot["condition"])]
+        text = str(end.__struct_config__.tag)
+        detail = f"ends[{int(slot['condition'])}]: {text} reached {float(slot['value']):.4g}"
+    if slot["joint"] >= 0:
+        detail = f"{detail} at {joints[int(slot['joint'])]}".strip()
+    return ActionEvent(
+        id=action_id,
+        state="ended",
+        outcome=text,
+        detail=detail,
+        time_ns=int(slot["time_ns"]),
+        cycle=int(slot["cycle"]),
+        position=slot["position"].tolist(),
+        command=slot["command"].tolist(),
+        path_force=float(slot["path_force"]),
+    )
+
+
+def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, str]:
+    """(message, field, value, expectation) of a command that the loop did not accept; `joint` is that of `answer_joint`, or ""."""
+    told = {
+        Answer.NOT_ENABLED: ("the robot is not enabled: call Enable first", "enabled", "false", "true"),
+        Answer.STOP_LATCHED: ("the operator stop is latched: call ClearStop first", "stopped", "true", "false"),
+        Answer.CLAIMED: (f"{joint} is claimed by another running action", "motion.joints", joint, "free joints"),
+        Answer.START_OFF: (
+            f"the trajectory does not start where the robot is commanded to be: plan again ({joint})",
+            "motion.positions[0]",
+            f"{value:.4f} rad off",
+            "within 0.02 rad of the command",
+        ),
+        Answer.EXPIRED: ("the command came after it expired", "expires_ns", f"{value:.3f} s ago", "in the future"),
+        Answer.NO_SUCH_ACTION: ("no such action is running", "id", "", "a running action"),
+        Answer.TOO_MANY: ("too many at once: end one first", "count", "", "a free slot"),
+        Answer.DRIVE_FAULT: (f"the drive of {joint} does not enable", "drive", joint, "a drive without fault"),
+        Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
+    }
+    return told.get(answer, (f"the loop answered {answer.name.lower()}", "", "", ""))

@@ -9,13 +9,15 @@ AbstractButton {
     property string why: "" // why it can't be pressed; empty when it can
     property string tone: "plain" // plain, primary, danger
     property bool big: false
+    property bool held: false // does not react yet, though it looks as it will
 
-    readonly property color _fill: !enabled ? "transparent"
+    readonly property color _fill: !_usable ? "transparent"
         : tone === "primary" ? (down ? Qt.darker(Theme.accentDeep, 1.25) : Theme.accentDeep)
         : tone === "danger" ? (down ? "#5a1c1a" : "#43191a")
         : down || checked ? Theme.pressed : Theme.raised
 
-    enabled: why === ""
+    enabled: why === "" && !held
+    readonly property bool _usable: why === ""
     implicitHeight: big ? Math.round(64 * Theme.scale) : Theme.touch
     implicitWidth: Math.max(implicitHeight, content.implicitWidth + 2 * Theme.gap)
     focusPolicy: Qt.StrongFocus
@@ -32,7 +34,7 @@ AbstractButton {
         color: button._fill
         border.width: button.visualFocus ? 2 : 1
         border.color: button.visualFocus ? Theme.accent
-            : !button.enabled ? Theme.line
+            : !button._usable ? Theme.line
             : button.tone === "primary" ? Theme.accent
             : button.tone === "danger" ? "#8d3431" : Theme.line
     }
@@ -44,7 +46,7 @@ AbstractButton {
             Text {
                 anchors.horizontalCenter: parent.horizontalCenter
                 text: button.text
-                color: button.enabled ? (button.tone === "danger" ? "#ff9a93" : Theme.text) : Theme.faint
+                color: button._usable ? (button.tone === "danger" ? "#ff9a93" : Theme.text) : Theme.faint
                 font.pixelSize: button.big ? Theme.large : Theme.body
                 font.weight: button.tone === "plain" ? Font.Medium : Font.DemiBold
             }

@@ -23,16 +23,22 @@ Rectangle {
 
     objectName: "banner"
     visible: message !== ""
-    height: visible ? Math.max(Math.round(44 * Theme.scale), text.implicitHeight + 2 * Theme.tight) : 0
+    implicitHeight: Math.max(Math.round(44 * Theme.scale), text.implicitHeight + 2 * Theme.gap)
+    radius: Theme.radius
     color: "#3a1315"
+    border.color: "#8d3431"
     Accessible.role: Accessible.AlertMessage
     Accessible.name: message
 
-    Rectangle { width: Math.round(6 * Theme.scale); height: parent.height; color: Theme.danger }
+    Rectangle {
+        anchors { left: parent.left; top: parent.top; bottom: parent.bottom; margins: Theme.tight }
+        width: Math.round(5 * Theme.scale); radius: width / 2
+        color: Theme.danger
+    }
     Text {
         id: text
         anchors { verticalCenter: parent.verticalCenter; left: parent.left; right: parent.right
-                  leftMargin: Math.round(20 * Theme.scale); rightMargin: Theme.gap }
+                  leftMargin: Math.round(22 * Theme.scale); rightMargin: Theme.gap }
         text: banner.message
         color: "#ffd5d2"
         font.pixelSize: Theme.body

@@ -30,18 +30,22 @@ Window {
         spacing: 0
 
         Header { Layout.fillWidth: true; z: 1 }
-        Banner { Layout.fillWidth: true }
         RowLayout {
             Layout.fillWidth: true
             Layout.fillHeight: true
             Layout.margins: Theme.gap
             spacing: Theme.gap
 
-            ScenePanel {
-                objectName: "scenePanel"
-                Layout.fillWidth: true
-                Layout.fillHeight: true
-                smoothing: window.smoothing
+            // The banner comes and goes on this side only: nothing moves away from under a finger on the other one.
+            ColumnLayout {
+                spacing: Theme.gap
+                Banner { Layout.fillWidth: true }
+                ScenePanel {
+                    objectName: "scenePanel"
+                    Layout.fillWidth: true
+                    Layout.fillHeight: true
+                    smoothing: window.smoothing
+                }
             }
             ColumnLayout {
                 Layout.preferredWidth: Math.round(372 * Theme.scale)

@@ -9,6 +9,12 @@ Rectangle {
     readonly property var view: desk.prompt
     readonly property color tone: view.stale ? Theme.danger : view.severity === "warning" ? Theme.warning : Theme.accent
 
+    // A card that has just come may lie under a finger that was on its way to something else: answers wait a moment.
+    readonly property string question: view.open ? view.id : ""
+    property bool settled: false
+    onQuestionChanged: { settled = false; if (question) settling.restart() }
+    Timer { id: settling; interval: 600; onTriggered: card.settled = true }
+
     objectName: "promptCard"
     visible: view.open
     implicitHeight: visible ? column.implicitHeight + 2 * Theme.gap + Theme.tight : 0
@@ -92,6 +98,7 @@ Rectangle {
                     tone: modelData.go ? "primary" : "plain"
                     text: Words.option(modelData.option)
                     why: Words.why(modelData.why)
+                    held: !card.settled
                     onClicked: desk.answer(modelData.option)
                 }
             }

@@ -78,6 +78,7 @@ Rectangle {
 
     Row {
         id: views
+        visible: stage.state === "ready"
         readonly property var names: ["robot", "work", "front", "side", "top"]
         readonly property var titles: [qsTr("Robot"), qsTr("Work"), qsTr("Front"), qsTr("Side"), qsTr("Top")]
         anchors { top: parent.top; left: parent.left; margins: Theme.gap }
@@ -93,6 +94,22 @@ Rectangle {
                 opacity: 0.94
                 Accessible.name: qsTr("View: %1").arg(text)
                 onClicked: scene.rig.preset(modelData)
+            }
+        }
+    }
+    Column {
+        anchors { top: views.bottom; left: parent.left; right: parent.right; margins: Theme.gap }
+        Repeater {
+            model: stage.problems
+            Text {
+                required property var modelData
+                width: parent.width
+                text: modelData.why === "differs"
+                    ? qsTr("%1: the robot uses another version of this template than this tablet draws").arg(modelData.name)
+                    : qsTr("%1 can't be drawn: %2").arg(modelData.name).arg(modelData.why)
+                color: Theme.warning
+                font.pixelSize: Theme.small
+                wrapMode: Text.Wrap
             }
         }
     }

@@ -47,11 +47,13 @@ Panel {
             Text { text: qsTr("No program runs."); color: Theme.text; font.pixelSize: Theme.large }
             Text {
                 width: parent.width
+                visible: desk.header.link === "attached"
                 text: qsTr("Start one on the robot's computer:")
                 color: Theme.muted; font.pixelSize: Theme.small; wrapMode: Text.Wrap
             }
             Command {
                 width: parent.width
+                visible: desk.header.link === "attached"
                 text: "handrail program run turn_valve --bind arm=right --bind valve=" + (desk.header.places[0] || "INSTANCE")
             }
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,7 +111,7 @@ def _cached(file: Path, make: Callable[[], Mesh]) -> Mesh:
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return Mesh(arrays["vertices"], arrays["normals"], arrays["colors"], arrays["faces"])
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         pass  # not there yet, or cut short by a full disk: made anew below
     mesh = make()
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from affordance_templates import catalogue
 from handrail.client import Live
 from handrail.messages import (
     AnswerPrompt,
@@ -101,7 +102,7 @@ class FakeRobot:
         fields: dict[str, Any] = {
             "name": "wheel_1",
             "template": "wheel",
-            "template_hash": "0",
+            "template_hash": catalogue.load("wheel").hash,
             "version": 1,
             "pose_in_world": WHEEL,
             "parameters": {},

@@ -1,0 +1,520 @@
+"""The real window on a virtual screen, with a robot that only answers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handrail.config import ConfigError
+from handrail.messages import AnswerPrompt, ClearStop, Enable, PauseRun, PromptClosed, ResumeRun, Stop, StopRun
+
+pytestmark = pytest.mark.window
+
+# Codes that the models may show, as they are in tablet_client/models.
+REASONS = [
+    *("no_robot", "no_engine", "no_program", "stopped", "not_stopped", "already_enabled", "not_enabled", "sending"),
+    *("already_paused", "not_paused", "not_running", "run_over", "plan_missing", "stale"),
+]
+JOURNAL = [
+    *("attached", "detached", "engine_attached", "engine_detached", "refused", "unanswered", "log", "action_ended"),
+    *("drives_enabled", "drives_disabled", "drives_stopped", "drives_fault", "drives_quick_stop"),
+    *("stop_sending", "stop_answered", "stop_failed", "prompt", "answered", "withdrawn", "plan_stale"),
+    *("run_ready", "run_running", "run_paused", "run_succeeded", "run_failed", "run_stopped"),
+]
+
+
+class Shown:
+    """An open window, its session, and a finger."""
+
+    def __init__(self, robot: Any, meshes: Path, describe: Callable[[str], Any] | None = None):
+        from PySide6.QtTest import QTest
+
+        from tablet_client.session import Session
+        from tablet_client.window import open_window
+
+        self.robot, self.test = robot, QTest
+        self.opened = open_window(
+            "tcp://somewhere:47800", describe or (lambda _: robot.description), meshes, antialiasing=0, operator="Ada"
+        )
+        self.window, self.desk = self.opened.window, self.opened.desk
+        self.session = Session(robot.connect, self.desk.inbox, heartbeat=0.05, retry=0.05)
+        self.desk.serve(self.session)
+        self.session.start()
+        QTest.qWaitForWindowExposed(self.window, 10_000)
+
+    def until(self, holds: Callable[[], Any], seconds: float = 20.0) -> Any:
+        from PySide6.QtCore import QDeadlineTimer
+
+        deadline = QDeadlineTimer(round(seconds * 1000))
+        while not (value := holds()):
+            assert not deadline.hasExpired(), "did not happen in time"
+            self.test.qWait(10)
+        return value
+
+    def drawn(self) -> Shown:
+        """Waits until the robot is there."""
+        self.until(lambda: self.opened.stage.property("state") == "ready")
+        return self
+
+    def find(self, name: str) -> Any:
+        from PySide6.QtCore import QObject
+
+        found = self.window.findChild(QObject, name)
+        assert found is not None, f"no {name} in the window"
+        return found
+
+    def item(self, name: str) -> Any:
+        """An item by its name; those that a Repeater made are not the window's QObject children."""
+        queue = [self.window.contentItem()]
+        while queue:
+            item = queue.pop()
+            if item.objectName() == name:
+                return item
+            queue += item.childItems()
+        raise AssertionError(f"no {name} in the window")
+
+    def all_items(self) -> Iterator[Any]:
+        queue = [self.window.contentItem()]
+        while queue:
+            item = queue.pop()
+            if item.isVisible():
+                yield item
+                queue += item.childItems()
+
+    def middle(self, name: str) -> Any:
+        from PySide6.QtCore import QPointF
+
+        item = self.item(name)
+        return item.mapToScene(QPointF(item.width() / 2, item.height() / 2)).toPoint()
+
+    def press(self, name: str) -> None:
+        from PySide6.QtCore import Qt
+
+        self.until(lambda: self.item(name).isEnabled())
+        self.test.qWait(20)  # let the layout settle
+        self.test.mouseClick(self.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, self.middle(name))
+
+    def key(self, key: Any) -> None:
+        self.test.keyClick(self.window, key)
+
+    def words(self, expression: str) -> Any:
+        """A QML expression's value."""
+        from PySide6.QtQml import QQmlExpression, qmlContext
+
+        asked = QQmlExpression(qmlContext(self.find("emptyTitle")), self.find("emptyTitle"), expression)
+        value, _ = asked.evaluate()
+        assert not asked.hasError(), asked.error().toString()
+        return value
+
+    def node(self, name: str) -> tuple[float, float, float]:
+        """Where a node of the scene stands in the world, m."""
+        from PySide6.QtCore import QObject
+
+        place = self.find("scene").findChild(QObject, name).property("scenePosition")
+        return place.x(), -place.z(), place.y()  # Quick 3D has y up
+
+    def close(self) -> None:
+        self.robot.released.set()
+        self.session.close()
+        self.opened.close()
+
+
+@pytest.fixture(scope="session")
+def qt(screen: str) -> None:
+    os.environ.update(DISPLAY=screen, QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic")
+    from tablet_client.window import application
+
+    application()
+
+
+@pytest.fixture
+def show(qt: None, robot: Any, mesh_folder: Path) -> Iterator[Callable[..., Shown]]:
+    opened: list[Shown] = []
+
+    def make(**arguments: Any) -> Shown:
+        opened.append(Shown(robot, mesh_folder, **arguments))
+        return opened[-1]
+
+    yield make
+    for shown in opened:
+        shown.close()
+
+
+@pytest.fixture
+def asking(robot: Any, show: Callable[..., Shown]) -> Shown:
+    """A window on a robot that asks whether it may execute a fresh plan."""
+    robot.instances, robot.plans = [robot.wheel()], [robot.plan()]
+    robot.run, robot.prompts = robot.running(), [robot.prompt()]
+    shown = show()
+    shown.until(lambda: shown.item("promptCard").isVisible())
+    return shown
+
+
+def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    return sum((a - b) ** 2 for a, b in zip(one, other, strict=True)) ** 0.5
+
+
+# --------------------------------------------------------------------------------------------------------------- answers
+
+
+def test_approve_answers_the_prompt_and_the_card_goes(asking, robot):
+    asking.press("option_approve")
+    asking.until(lambda: robot.calls_of(AnswerPrompt))
+    answer = robot.calls_of(AnswerPrompt)[0]
+    assert (answer.id, answer.answer, answer.by) == ("prompt-1", "approve", "Ada")
+    asking.until(lambda: not asking.item("promptCard").isVisible())
+
+
+def test_reject_answers_the_prompt(asking, robot):
+    asking.press("option_reject")
+    asking.until(lambda: [answer.answer for answer in robot.calls_of(AnswerPrompt)] == ["reject"])
+
+
+def test_a_stale_plan_disables_approve_and_says_why(asking, robot):
+    robot.publish(robot.plan(fresh=False, stale_because="wheel_1 was moved"))
+    asking.until(lambda: asking.item("option_approve").property("why") == "plan is stale")
+    assert "wheel_1 was moved" in asking.item("staleReason").property("text")
+    asking.until(lambda: asking.item("option_reject").isEnabled())
+    assert not asking.item("option_approve").isEnabled()
+    approve = asking.middle("option_approve")
+    from PySide6.QtCore import Qt
+
+    asking.test.mouseClick(asking.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, approve)
+    asking.desk.answer("approve")
+    asking.test.qWait(100)
+    assert not robot.calls_of(AnswerPrompt)
+
+
+def test_answers_wait_a_moment_so_that_a_card_that_pops_up_takes_no_touch_meant_for_another(asking, robot):
+    robot.publish(PromptClosed(id="prompt-1", answer="approve", by="another"))
+    asking.until(lambda: not asking.item("promptCard").isVisible())
+    robot.publish(robot.prompt(id="prompt-2"))
+    asking.until(lambda: asking.item("promptCard").isVisible())
+    assert not asking.item("option_approve").isEnabled()
+    asking.until(lambda: asking.item("option_approve").isEnabled())
+
+
+def test_the_numbers_that_matter_are_on_the_card(asking):
+    texts = [item.property("text") for item in asking.all_items() if item.property("text")]
+    assert {"31 mm", "12.0°", "3.0 s"} <= set(texts)
+
+
+# ------------------------------------------------------------------------------------------------------------------ stop
+
+
+def test_stop_goes_out_when_the_button_is_touched_not_when_it_is_let_go(asking, robot, wait):
+    from PySide6.QtCore import Qt
+
+    where = asking.middle("stop")
+    asking.test.mousePress(asking.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
+    wait(lambda: robot.calls_of(Stop))  # the window's thread does nothing meanwhile: as if the view hung
+    assert robot.calls_of(Stop)[0].reason == "Ada, at the tablet"
+    asking.test.mouseRelease(asking.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
+    asking.until(lambda: asking.item("banner").isVisible())
+    asking.until(lambda: asking.item("enable").property("why") == "stop is latched")
+
+
+def test_stop_by_touch(asking, robot):
+    device = asking.test.createTouchDevice()
+    where = asking.middle("stop")
+    asking.test.touchEvent(asking.window, device).press(0, where, asking.window).commit()
+    asking.until(lambda: robot.calls_of(Stop))
+    asking.test.touchEvent(asking.window, device).release(0, where, asking.window).commit()
+
+
+@pytest.mark.parametrize("key", ["Key_Escape", "Key_Space"])
+def test_stop_by_key_whatever_has_the_focus(asking, robot, key):
+    from PySide6.QtCore import Qt
+
+    asking.until(lambda: asking.item("option_approve").isEnabled())
+    asking.item("option_approve").forceActiveFocus(Qt.FocusReason.TabFocusReason)
+    asking.key(getattr(Qt.Key, key))
+    asking.until(lambda: robot.calls_of(Stop))
+    assert not robot.calls_of(AnswerPrompt)
+
+
+def test_stop_works_while_another_call_hangs(asking, robot, wait):
+    robot.hanging.set()
+    asking.press("pause")
+    asking.press("stop")
+    wait(lambda: robot.calls_of(Stop))
+    assert not robot.calls_of(PauseRun)
+
+
+def test_clearing_the_stop_and_enabling_are_two_deliberate_steps(robot, show):
+    robot.stopped, robot.stop_reason = True, "somebody"
+    shown = show()
+    shown.until(lambda: shown.item("clearStop").isVisible())
+    assert "somebody" in shown.item("banner").property("message")
+    assert not shown.item("enable").isEnabled()
+    shown.press("clearStop")
+    shown.until(lambda: robot.calls_of(ClearStop))
+    assert not robot.calls_of(Enable)
+    shown.press("enable")
+    shown.until(lambda: robot.calls_of(Enable))
+    shown.until(lambda: not shown.item("clearStop").isVisible() and not shown.item("banner").isVisible())
+
+
+# ----------------------------------------------------------------------------------------------------------------- scene
+
+
+def test_the_robots_links_move_when_its_state_changes(robot, show):
+    shown = show().drawn()
+    robot.publish(robot.state())
+    elbow = shown.until(
+        lambda: abs(shown.node("link_arm_left_4_link")[2]) > 0.01 and shown.node("link_arm_left_4_link")
+    )
+    robot.publish(robot.state(arm_left_1_joint=0.6))
+    shown.until(lambda: shown.node("link_arm_left_4_link") != elbow)
+    chain, description = shown.opened.stage._robot.chain, robot.description
+    position = description.home_position()
+    position[description.index("arm_left_1_joint")] = 0.6
+    expected = chain.poses(position)[chain.bodies.index("arm_left_4_link")][:3, 3]
+    assert shown.node("link_arm_left_4_link") == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_ghost_appears_with_a_plan_moves_and_goes_with_the_motion(robot, show):
+    from handrail.messages import ActionEvent
+
+    shown = show().drawn()
+    robot.publish(robot.state())
+    shown.test.qWait(100)
+    assert not shown.item("ghostBar").isVisible()
+    robot.publish(robot.plan())
+    shown.until(lambda: shown.item("ghostBar").isVisible())
+    shown.desk.scrub(2.0)
+    ghost, link = "ghost_arm_right_7_link", "link_arm_right_7_link"
+    shown.until(lambda: distance(shown.node(ghost), shown.node(link)) > 0.05)
+    there = shown.node(ghost)
+    shown.desk.scrub(3.0)
+    shown.until(lambda: distance(shown.node(ghost), there) > 0.01)
+    robot.publish(ActionEvent(id="a", state="running", time_ns=0, cycle=0))
+    shown.until(lambda: not shown.item("ghostBar").isVisible())
+
+
+def test_a_stale_ghost_is_red_and_says_why(robot, show):
+    shown = show().drawn()
+    robot.publish(robot.state(), robot.plan(fresh=False, stale_because="wheel_1 was moved"))
+    shown.until(lambda: shown.opened.stage.property("ghostStale"))
+    shown.until(lambda: "wheel_1 was moved" in shown.item("ghostReason").property("text"))
+
+
+def test_the_template_stands_where_its_instance_says_and_follows_it(robot, show):
+    from handrail.messages import Pose
+
+    robot.instances = [robot.wheel()]
+    shown = show()
+    scene = shown.find("scene")
+    shown.until(lambda: scene.findChild(type(shown.find("rig")), "template_wheel_1"))
+    shown.until(lambda: shown.node("template_wheel_1") == pytest.approx((0.55, -0.35, 0.30), abs=1e-4))
+    robot.publish(robot.wheel(version=2, pose_in_world=Pose(position=(0.6, -0.2, 0.4))))
+    shown.until(lambda: shown.node("template_wheel_1") == pytest.approx((0.6, -0.2, 0.4), abs=1e-4))
+
+
+def test_a_template_of_another_version_is_drawn_and_said(robot, show):
+    robot.instances = [robot.wheel(template_hash="another")]
+    shown = show()
+    shown.until(lambda: shown.opened.stage.property("problems") == [{"name": "wheel_1", "why": "differs"}])
+
+
+def test_a_template_that_this_tablet_has_not_is_said_and_nothing_breaks(robot, show):
+    robot.instances = [robot.wheel(template="teapot")]
+    shown = show()
+    shown.until(lambda: "teapot" in str(shown.opened.stage.property("problems")))
+    shown.press("stop")
+    shown.until(lambda: robot.calls_of(Stop))
+
+
+def test_a_robot_that_can_not_be_drawn_is_said_and_everything_else_works(robot, show):
+    def describe(name: str) -> Any:
+        raise ConfigError(name, None, "robot", "no such robot")
+
+    robot.run = robot.running()
+    shown = show(describe=describe)
+    shown.until(lambda: "can't be drawn" in shown.item("emptyTitle").property("text"))
+    shown.press("pause")
+    shown.until(lambda: robot.calls_of(PauseRun))
+
+
+def test_mouse_and_touch_turn_move_and_zoom_the_view(robot, show):
+    from PySide6.QtCore import QPoint, QPointF, Qt
+    from PySide6.QtGui import QWheelEvent
+
+    shown = show().drawn()
+    rig, where = shown.find("rig"), shown.middle("sceneInput")
+
+    def view() -> tuple[float, float, float, float]:
+        focus = rig.property("focus")
+        return rig.property("yaw"), rig.property("distance"), focus.y(), focus.z()
+
+    def drag(button: Qt.MouseButton) -> None:
+        shown.test.mousePress(shown.window, button, Qt.KeyboardModifier.NoModifier, where)
+        for step in range(1, 9):
+            shown.test.mouseMove(shown.window, where + QPoint(12 * step, 4 * step))
+            shown.test.qWait(5)
+        shown.test.mouseRelease(shown.window, button, Qt.KeyboardModifier.NoModifier, where + QPoint(96, 32))
+
+    yaw, distance, *focus = view()
+    drag(Qt.MouseButton.LeftButton)
+    assert view()[0] < yaw - 10 and view()[1:] == (distance, *focus)
+
+    yaw = view()[0]
+    drag(Qt.MouseButton.RightButton)
+    assert view()[0] == yaw and list(view()[2:]) != focus
+
+    wheel = QWheelEvent(
+        QPointF(where), QPointF(where), QPoint(), QPoint(0, 240), Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
+    )  # fmt: skip
+    from PySide6.QtCore import QCoreApplication
+
+    QCoreApplication.sendEvent(shown.window, wheel)
+    assert view()[1] < distance
+
+    distance = view()[1]
+    device = shown.test.createTouchDevice()
+    left, right = where - QPoint(40, 0), where + QPoint(40, 0)
+    shown.test.touchEvent(shown.window, device).press(0, left, shown.window).press(1, right, shown.window).commit()
+    for step in range(1, 13):
+        apart = QPoint(8 * step, 0)
+        shown.test.touchEvent(shown.window, device).move(0, left - apart, shown.window).move(
+            1, right + apart, shown.window
+        ).commit()
+        shown.test.qWait(5)
+    shown.test.touchEvent(shown.window, device).release(0, left - apart, shown.window).release(
+        1, right + apart, shown.window
+    ).commit()
+    assert view()[1] < distance * 0.7, "two fingers that part come closer"
+
+    yaw = view()[0]
+    shown.test.touchEvent(shown.window, device).press(2, where, shown.window).commit()
+    for step in range(1, 9):
+        shown.test.touchEvent(shown.window, device).move(2, where + QPoint(12 * step, 0), shown.window).commit()
+        shown.test.qWait(5)
+    shown.test.touchEvent(shown.window, device).release(2, where + QPoint(96, 0), shown.window).commit()
+    assert view()[0] < yaw - 10, "one finger turns"
+
+
+def test_view_presets_look_from_where_they_say(robot, show):
+    robot.instances = [robot.wheel()]
+    shown = show().drawn()
+    shown.press("view_front")
+    shown.until(lambda: shown.find("rig").property("yaw") == pytest.approx(90))
+    shown.press("view_top")
+    shown.until(lambda: shown.find("rig").property("pitch") == pytest.approx(-89))
+
+
+# ------------------------------------------------------------------------------------------------------------------ task
+
+
+def test_the_task_shows_the_run_and_pauses_resumes_and_ends_it(robot, show):
+    robot.run = robot.running(data={"turned_deg": 142.4, "stroke": 2})
+    shown = show()
+    shown.until(lambda: shown.item("runStatus").property("text") == "Running")
+    assert shown.item("turned").property("text") == "142°"
+    assert shown.item("programHash").property("text").endswith("3f9a1c77d2")
+    shown.press("pause")
+    shown.until(lambda: robot.calls_of(PauseRun))
+    robot.publish(robot.running(status="paused"))
+    shown.press("resume")
+    shown.until(lambda: robot.calls_of(ResumeRun))
+    shown.press("stopRun")
+    shown.until(lambda: robot.calls_of(StopRun))
+
+
+# ------------------------------------------------------------------------------------------------------------ connection
+
+
+def test_a_window_without_a_robot_says_what_to_do_and_fills_when_it_comes(robot, show):
+    robot.reachable = False
+    shown = show()
+    shown.until(lambda: shown.item("emptyTitle").property("text") == "Waiting for a robot")
+    commands = [item.property("text") for item in shown.all_items() if item.property("readOnly")]
+    assert "handrail up talos_upper --scene valve" in commands
+    robot.reachable = True
+    shown.drawn()
+    shown.until(lambda: shown.item("robotName").property("text") == "talos_upper")
+
+
+def test_a_link_that_goes_and_comes_back_is_shown_and_survived(asking, robot):
+    robot.reachable = False
+    asking.until(lambda: "Connection lost" in asking.item("banner").property("message"))
+    assert not asking.item("option_approve").isEnabled()
+    robot.reachable = True
+    asking.until(lambda: not asking.item("banner").isVisible())
+    asking.press("option_approve")
+    asking.until(lambda: robot.calls_of(AnswerPrompt))
+
+
+# ------------------------------------------------------------------------------------------------------- hands and ears
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1200), (1024, 640)])
+def test_every_control_is_large_enough_for_a_finger_and_has_a_name(asking, size):
+    from PySide6.QtQml import QQmlProperty, qmlContext
+
+    asking.window.resize(*size)
+    asking.until(lambda: (asking.window.width(), asking.window.height()) == size)
+    asking.test.qWait(200)
+    controls = [
+        item for item in asking.all_items() if item.inherits("QQuickAbstractButton") or item.inherits("QQuickSlider")
+    ]
+    assert len(controls) >= 10
+    for control in controls:
+        name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
+        assert name, f"{control.objectName()} has no accessible name"
+        if control.objectName() != "":
+            assert min(control.width(), control.height()) >= 44 * min(1.0, size[0] / 1280), control.objectName()
+        corner = control.mapToScene(control.boundingRect().bottomRight())
+        assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
+    stop = asking.item("stop")
+    assert stop.mapToScene(stop.boundingRect().topRight()).x() > size[0] - 30
+
+
+def test_every_control_can_be_reached_and_pressed_by_keyboard(asking, robot):
+    from PySide6.QtCore import Qt
+
+    asking.drawn()
+    asking.until(lambda: asking.item("option_approve").isEnabled())
+    asking.window.requestActivate()
+    reached = set()
+    for _ in range(40):
+        asking.key(Qt.Key.Key_Tab)
+        focused = asking.window.activeFocusItem()
+        if focused is not None:
+            reached.add(focused.objectName())
+    assert {
+        "stop", "option_approve", "option_reject", "pause", "stopRun", "playGhost", "scrub", "view_robot", "sceneInput",
+    } <= reached  # fmt: skip
+    asking.item("option_reject").forceActiveFocus(Qt.FocusReason.TabFocusReason)
+    asking.key(Qt.Key.Key_Return)
+    asking.until(lambda: [answer.answer for answer in robot.calls_of(AnswerPrompt)] == ["reject"])
+
+
+def test_every_code_of_the_models_has_words(show):
+    shown = show()
+    for code in REASONS:
+        assert shown.words(f"Words.why('{code}')") != code
+    for code in JOURNAL:
+        assert shown.words(f"Words.entry('{code}', ['a', 'b', 'c'])") != f"{code} a b c"
+
+
+# --------------------------------------------------------------------------------------------------------------- picture
+
+
+def test_the_scene_is_really_drawn(asking, robot):
+    asking.drawn()
+    robot.publish(robot.state())
+    asking.test.qWait(400)
+    picture = asking.window.grabWindow()
+    corner, size = asking.middle("sceneInput"), 200
+    colors = {
+        picture.pixel(x, y)
+        for x in range(corner.x() - size, corner.x() + size, 4)
+        for y in range(corner.y() - size, corner.y() + size, 4)
+    }
+    assert len(colors) > 300, "a robot has many shades, an empty background few"

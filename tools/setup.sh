@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets Handrail up on a fresh Debian 12: system packages, the virtual environment from the lock file, compiled kernels.
+# Sets Handrail up on a fresh Debian 12: system packages, the virtual environment from the lock file, and the package itself.
 # System packages are installed when this runs as root; otherwise the exact command is printed and the script stops.
 set -euo pipefail
 PYTHON=${PYTHON:-python3}

@@ -82,6 +82,14 @@ class PathBuilder:
         self.angle = entry
         self._free(first, reach.q[-1])
 
+    def begin_retreat(self, posture: Array) -> None:
+        """From inside the object, where an interrupted stroke left the tool: straight back to the standoff. `posture` (m,) rad is
+        the reference for what follows."""
+        visit = self._visit
+        away = visit.tip(visit.standoff, visit.local(*self.tip)[0])
+        self._follow("retreat", visit.straight(self.tip, away, _LINE_SPACING), 0.5, None, may_touch=True)
+        self._posture = posture
+
     def begin_return(self, angle: float, entry: float) -> None:
         """From beside the object: straight back to the standoff where the tool is deeper, then along the circle to the entry."""
         visit = self._visit

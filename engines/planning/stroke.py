@@ -73,6 +73,15 @@ class Stroke:
         on_circle = abs(radius - wanted) < _BESIDE and standoff - _BESIDE < depth < _BESIDE and tilt < 0.2
         return angle if on_circle and abs(angle - arc) < visit.span / 2 + 0.3 else None
 
+    def _inside(self) -> bool:
+        """Whether the tool stands in the object, wherever around the joint: an earlier stroke was interrupted."""
+        visit = self._visit
+        if visit.joint is None:
+            return False
+        _, radius, depth, tilt = visit.local(*self._solver.tip(self._assessor.start))
+        _, wanted, standoff, _ = visit.local(*visit.tip(visit.standoff, 0.0))
+        return abs(radius - wanted) < 2 * _BESIDE and standoff + _BESIDE < depth < 3 * _BESIDE and tilt < 0.5
+
     def _on_from_the_object(self, arc: float, angle: float, entry_shift: float) -> tuple[list[Leg], dict[str, float]]:
         """A later stroke: the posture that the arm has is the reference, which keeps the branch."""
         entry = self._visit.entry_angle(arc, entry_shift)
@@ -86,7 +95,12 @@ class Stroke:
         if branch.failure is not None:
             raise branch.failure
         entry = self._visit.entry_angle(branch.arc, entry_shift)
-        builder = PathBuilder(self._visit, self._solver, self._assessor, branch.posture, self._cancelled)
+        inside = self._inside()
+        posture = self._assessor.start if inside else branch.posture
+        builder = PathBuilder(self._visit, self._solver, self._assessor, posture, self._cancelled)
+        if inside:
+            self._progress("way out of the object")
+            builder.begin_retreat(branch.posture)
         builder.angle = entry
         done = 0
         first = self._visit.trajectory.waypoints[0]

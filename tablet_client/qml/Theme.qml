@@ -27,7 +27,7 @@ QtObject {
     readonly property int title: Math.round(21 * scale)
     readonly property int huge: Math.round(30 * scale)
 
-    readonly property int touch: Math.round(48 * scale) // no control is smaller than 44 px
+    readonly property int touch: Math.max(44, Math.round(48 * scale)) // no control is smaller than 44 px
     readonly property int gap: Math.round(12 * scale)
     readonly property int tight: Math.round(6 * scale)
     readonly property int radius: Math.round(10 * scale)

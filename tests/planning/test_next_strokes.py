@@ -104,3 +104,13 @@ def test_the_left_arm_turns_a_wheel_on_its_own_side(wheel_at, planner, descripti
     )
     assert plan.joints == description.arms["left"].joints
     assert plan.segment("turn").path_force.frame == "tool_left_tip"
+
+
+def test_a_first_stroke_leaves_the_wheel_before_it_comes_in_anew(seeded_plans, planner, description):
+    for placed, interrupted in seeded_plans[::5]:
+        position = after(interrupted, description.home_position("ready"), description, "turn", 0.6)
+        plan = planner.plan(placed, "turn", "right", position)
+        assert [segment.name for segment in plan.segments[:2]] == ["retreat", "approach"]
+        assert np.abs(plan.segments[0].positions[0] - position[description.index(plan.joints)]).max() < 1e-6
+        for one, other in itertools.pairwise(plan.segments):
+            assert np.abs(one.positions[-1] - other.positions[0]).max() < 1e-6

@@ -6,69 +6,102 @@ import logging
 import os
 import signal
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-DEFAULT_ADDRESS = "tcp://127.0.0.1:47800"
+from handrail.client import DEFAULT_ADDRESS, Client, connect
+from handrail.link import keys as link_keys
+from handrail.robot import description
+
+
+class Antialiasing(StrEnum):
+    """How smooth the 3-D view's edges are."""
+
+    AUTO = "auto"
+    OFF = "off"
+    STILL = "still"
+    ON = "on"
+
+
+class Look(StrEnum):
+    """The 3-D view's presets."""
+
+    ROBOT = "robot"
+    WORK = "work"
+    FRONT = "front"
+    SIDE = "side"
+    TOP = "top"
 
 
 def tablet(
-    connect: Annotated[str, typer.Option(metavar="ADDRESS", help="The robot's link.")] = DEFAULT_ADDRESS,
+    address: Annotated[str, typer.Option("--connect", metavar="ADDRESS", help="The robot's link.")] = DEFAULT_ADDRESS,
     operator: Annotated[str, typer.Option(help="Your name, as the robot's log shows it.")] = "operator",
+    keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="The window's size in pixels.")] = "1280x800",
     fullscreen: Annotated[bool, typer.Option("--fullscreen", help="Fill the screen.")] = False,
-    antialiasing: Annotated[str, typer.Option(help="auto, off, still (smooth when nothing moves) or on.")] = "auto",
+    look: Annotated[Look, typer.Option(help="The view to start with.")] = Look.ROBOT,
+    antialiasing: Annotated[
+        Antialiasing,
+        typer.Option(help="Smooth edges; still: when nothing moves; auto: on where there is a graphics processor."),
+    ] = Antialiasing.AUTO,
     shot: Annotated[Path | None, typer.Option(metavar="PNG", help="Save a picture of the window, then exit.")] = None,
-    after: Annotated[float, typer.Option(metavar="S", help="With --shot: seconds to wait first.")] = 5.0,
+    after: Annotated[float, typer.Option(metavar="S", min=0.0, help="With --shot: seconds to wait first.")] = 5.0,
 ) -> None:
     """Open the operator's window. It waits for the robot, and finds it again when the link comes back.
 
     STOP: the button, Escape or Space, from anywhere in the window. Enter presses what has the focus, Tab moves it.
     One finger or the left button turns the view, two fingers or the right button move it, pinch or wheel zoom.
     """
-    from tablet_client import window as tablet_window
-
-    modes = {
-        "auto": None,
-        "off": tablet_window.NO_ANTIALIASING,
-        "still": tablet_window.WHEN_STILL,
-        "on": tablet_window.ALWAYS,
-    }
-    if antialiasing not in modes:
-        raise typer.BadParameter(f"got {antialiasing!r}; expected {', '.join(modes)}", param_hint="--antialiasing")
+    extent = _size(size)
+    if shot is not None and not shot.parent.is_dir():
+        raise typer.BadParameter(f"got {shot}; expected a file in a folder that exists", param_hint="--shot")
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         sys.exit(
-            "handrail tablet: there is no screen (DISPLAY is not set); on a machine without one: xvfb-run -a handrail tablet …"
+            "handrail tablet: DISPLAY is not set: there is no screen; without one, run: xvfb-run -a handrail tablet"
         )
+    try:
+        own = link_keys.for_client(keys)
+        connect(address, own, timeout_s=0).close()  # is the address one?
+    except (link_keys.KeysError, ValueError) as problem:
+        sys.exit(f"handrail tablet: {problem}")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
-    raise typer.Exit(_run(connect, operator, _size(size), fullscreen, modes[antialiasing], shot, after))
+    raise typer.Exit(_run(address, own, operator, extent, fullscreen, look, antialiasing, shot, after))
 
 
 def _run(
     address: str,
+    own: link_keys.ClientKeys,
     operator: str,
     size: tuple[int, int],
     fullscreen: bool,
-    antialiasing: int | None,
+    look: Look,
+    antialiasing: Antialiasing,
     shot: Path | None,
     after: float,
 ) -> int:
     from PySide6.QtCore import QTimer
 
-    from handrail.client import connect
-    from handrail.robot import description
+    from tablet_client import window
     from tablet_client.session import Session
-    from tablet_client.window import SUPERSAMPLED, application, open_window
 
-    app = application()
-    opened = open_window(
-        address, description.load, mesh_cache(), size=size, antialiasing=antialiasing, operator=operator
+    def client() -> Client:
+        return connect(address, own, timeout_s=0)
+
+    smoothing = {
+        Antialiasing.OFF: window.NO_ANTIALIASING,
+        Antialiasing.STILL: window.WHEN_STILL,
+        Antialiasing.ON: window.ALWAYS,
+    }.get(antialiasing)
+    app = window.application()
+    opened = window.open_window(
+        address, description.load, mesh_cache(), size=size, look=look.value, antialiasing=smoothing, operator=operator
     )
     if fullscreen:
         opened.window.showFullScreen()
-    session = Session(lambda: connect(address, timeout_s=0), opened.desk.inbox)
+    session = Session(client, opened.desk.inbox)
     opened.desk.serve(session)
     session.start()
 
@@ -84,14 +117,17 @@ def _run(
     def save() -> None:
         nonlocal status
         picture: Any = opened.window.grabWindow()
-        if shot is not None and not picture.save(str(shot)):
-            print(f"handrail tablet: can't write {shot}", file=sys.stderr)
+        if not picture.save(str(shot)):
+            print(f"handrail tablet: can't write {shot}; expected a name that ends with .png", file=sys.stderr)
             status = 1
         app.quit()
 
+    def smooth() -> None:
+        opened.window.setProperty("smoothing", window.SUPERSAMPLED)
+        QTimer.singleShot(300, save)
+
     if shot is not None:
-        QTimer.singleShot(round(after * 1000), lambda: opened.window.setProperty("smoothing", SUPERSAMPLED))
-        QTimer.singleShot(round(after * 1000) + 400, save)
+        QTimer.singleShot(round(after * 1000), smooth)
     app.exec()
     session.close(timeout=0.5)
     opened.close()

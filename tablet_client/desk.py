@@ -190,12 +190,13 @@ class Desk(QObject):
         for item in self.inbox.take():
             self.situation.take(item)
         plans = self.situation.plans
-        plans.advance(min(now - self._last_look, 0.2))
+        if self._stage.loaded:
+            plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
         self._frame_out, self._frame_since = self._stage.show(self.situation), now
         self._build()
         self._journal.refresh()
-        if plans.shown is not None and plans.playing:
+        if plans.shown is not None and plans.playing and self._stage.loaded:
             self._look.start()
 
     def _build(self) -> None:

@@ -64,10 +64,11 @@ def open_window(
     meshes: Path,
     *,
     size: tuple[int, int] = (1280, 800),
+    look: str = "robot",
     antialiasing: int | None = None,
     operator: str = "operator",
 ) -> TabletWindow:
-    """Show the window. `antialiasing` None: what this machine's graphics can afford. Raises RuntimeError with QML's errors."""
+    """Show the window. `look`: the view to start with; `antialiasing` None: what this machine's graphics can afford. Raises RuntimeError with QML's errors."""
     application()
     _register()
     stage = Stage(describe, meshes)
@@ -85,7 +86,7 @@ def open_window(
     engine.rootContext().setContextProperty("stage", stage)
     if antialiasing is None:
         antialiasing = NO_ANTIALIASING if software_rendering() else ALWAYS
-    engine.setInitialProperties({"smoothing": antialiasing, "width": size[0], "height": size[1]})
+    engine.setInitialProperties({"smoothing": antialiasing, "look": look, "width": size[0], "height": size[1]})
     engine.load(QUrl.fromLocalFile(str(_QML / "Main.qml")))
     roots = engine.rootObjects()
     if not roots:

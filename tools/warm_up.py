@@ -7,6 +7,7 @@ a stale caller would stay; all caches are deleted first.
 from __future__ import annotations
 
 import tempfile
+import threading
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,8 +35,15 @@ def main() -> None:
     loop.warm_up(kinematics)
     with tempfile.TemporaryDirectory(prefix="hr") as folder:
         hub = Hub(Path(folder) / "bus.sock", description.channels)
-        HubPort(Path(folder) / "bus.sock").close()
-        hub.close()
+        joined = threading.Event()
+        serving = threading.Thread(target=lambda: [hub.poll(0.05) for _ in iter(joined.is_set, True)])
+        serving.start()
+        try:
+            HubPort(Path(folder) / "bus.sock").close()
+        finally:
+            joined.set()
+            serving.join()
+            hub.close()
     world = World(description, load("valve"))
     BusNode(world)
     world.advance(2)

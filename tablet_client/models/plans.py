@@ -73,12 +73,12 @@ class Plans:
         self.playing = True
         self._rested = 0.0
 
-    def replace(self, plans: list[PlanPreview]) -> None:
-        """What a snapshot says there is. Old plans are not shown again just because a client came late."""
+    def replace(self, plans: list[PlanPreview], *, used: bool = False) -> None:
+        """What a snapshot says there is. `used`: a program made them for itself, and may have executed them already."""
         self._plans, self._tracks, self._used = {}, {}, set()
         for plan in plans:
             self.take(plan)
-            if not plan.fresh:
+            if used or not plan.fresh:
                 self._used.add(plan.id)
         self._show()
 

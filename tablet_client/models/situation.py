@@ -18,8 +18,6 @@ from tablet_client.models.task import Task
 from tablet_client.models.world import World
 
 _RUN_LEVELS: dict[str, Level] = {"succeeded": "good", "failed": "error", "stopped": "warning", "paused": "warning"}
-# Outcomes of an action that a program expects; all others are worth the operator's eye.
-_CALM_OUTCOMES = ("done", "cancelled")
 
 
 class Situation:
@@ -100,7 +98,7 @@ class Situation:
     def _engine_attached(self, item: arrivals.EngineAttached) -> None:
         snapshot = item.snapshot
         self.world.replace(snapshot.instances)
-        self.plans.replace(snapshot.plans)
+        self.plans.replace(snapshot.plans, used=snapshot.run is not None)
         self.task.take(snapshot.run)
         self.prompts.replace(snapshot.prompts)
         self._attend()
@@ -146,9 +144,9 @@ class Situation:
         self.robot.take_action(event)
         if self.robot.moving and not moved:
             self.plans.motion_began()
-        if event.state == "ended":
-            calm = event.outcome in _CALM_OUTCOMES
-            self.note("info" if calm else "warning", "action_ended", event.id, event.outcome, event.detail)
+        if event.state == "ended" and event.outcome != "done":
+            level: Level = "info" if event.outcome == "cancelled" else "warning"
+            self.note(level, "action_ended", event.outcome, event.detail)
 
     # --------------------------------------------------------------------------------------------------------- engine
 

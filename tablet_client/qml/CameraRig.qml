@@ -30,6 +30,7 @@ Node {
     }
     function look(toYaw, toPitch, toDistance, toFocus) {
         glide.stop()
+        if (yaw === toYaw && pitch === toPitch && distance === toDistance && focus === toFocus) return
         const turn = ((toYaw - yaw + 540) % 360) - 180 // the short way round
         yawGlide.to = yaw + turn
         pitchGlide.to = toPitch

@@ -8,6 +8,7 @@ Window {
     id: window
 
     property int smoothing: 0
+    property string look: "robot"
 
     width: 1280
     height: 800
@@ -45,6 +46,7 @@ Window {
                     Layout.fillWidth: true
                     Layout.fillHeight: true
                     smoothing: window.smoothing
+                    look: window.look
                 }
             }
             ColumnLayout {

@@ -7,6 +7,9 @@ Rectangle {
 
     property alias scene: scene
     property int smoothing: 0
+    property string look: "robot" // the view to begin with, as soon as there is something to look at
+    readonly property bool _lookable: stage.state === "ready" && (look !== "work" || desk.header.places.length > 0)
+    on_LookableChanged: if (_lookable) scene.rig.preset(look)
 
     radius: Theme.radius
     border.color: input.activeFocus && input.byKeyboard ? Theme.accent : Theme.line

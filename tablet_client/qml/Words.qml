@@ -99,7 +99,7 @@ QtObject {
 
     // One line of the journal.
     function entry(code, a) {
-        const x = a[0] || "", y = a[1] || "", z = a[2] || ""
+        const x = a[0] || "", y = a[1] || ""
         switch (code) {
         case "log": return y ? y + ": " + x : x
         case "attached": return qsTr("Connected to %1").arg(x)
@@ -127,8 +127,8 @@ QtObject {
         case "answered": return qsTr("Answered %1 by %2").arg(Words.option(x)).arg(y || "?")
         case "withdrawn": return qsTr("Question withdrawn")
         case "plan_stale": return qsTr("Plan %1 is stale: %2").arg(x).arg(y)
-        case "action_ended": return z ? qsTr("Motion %1: %2 (%3)").arg(x).arg(Words.outcome(y)).arg(z)
-                                      : qsTr("Motion %1: %2").arg(x).arg(Words.outcome(y))
+        case "action_ended": return y ? qsTr("Motion ended: %1 (%2)").arg(Words.outcome(x)).arg(y)
+                                      : qsTr("Motion ended: %1").arg(Words.outcome(x))
         }
         return [code].concat(a).join(" ")
     }

@@ -77,7 +77,7 @@ def shaded(solid: trimesh.Trimesh, *, faces: int | None = None, crease: float = 
             np.asarray(solid.vertices, np.float32), np.asarray(solid.faces, np.int32), target_count=faces, agg=3
         )
         solid = trimesh.Trimesh(points, triangles)
-    solid = trimesh.graph.smooth_shade(solid, angle=crease)
+    solid = trimesh.graph.smooth_shade(solid, angle=crease, facet_minarea=None)
     vertices = np.ascontiguousarray(solid.vertices, np.float32)
     normals = np.ascontiguousarray(solid.vertex_normals, np.float32)
     return Mesh(

@@ -114,6 +114,11 @@ class Stage(QObject):
         self._show_ghost(situation, position, poses)
         return True
 
+    @property
+    def loaded(self) -> bool:
+        """True once the robot is drawn."""
+        return self._robot is not None
+
     def close(self) -> None:
         """Nothing that is still loading will be shown."""
         self._closed.set()

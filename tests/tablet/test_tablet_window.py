@@ -39,7 +39,12 @@ class Shown:
 
         self.robot, self.test = robot, QTest
         self.opened = open_window(
-            "tcp://somewhere:47800", describe or (lambda _: robot.description), meshes, antialiasing=0, operator="Ada"
+            "tcp://somewhere:47800",
+            describe or (lambda _: robot.description),
+            meshes,
+            size=(1024, 640),
+            antialiasing=0,
+            operator="Ada",
         )
         self.window, self.desk = self.opened.window, self.opened.desk
         self.session = Session(robot.connect, self.desk.inbox, heartbeat=0.05, retry=0.05)

@@ -168,8 +168,16 @@ def running_stack(start_stack) -> Callable[..., Stack]:
         robot.enable()
         robot.place_instance("wheel_1", "wheel", messages.Pose(position=(0.55, -0.35, 0.30)))
         robot.on(messages.Prompt, lambda prompt: robot.answer(prompt.id, prompt.options[0]))
+        ended: list[messages.RunState] = []
+        robot.on(messages.RunState, lambda run: ended.append(run) if run.status == "failed" else None)
         robot.run(robot.deploy("turn_valve", {"arm": "right", "valve": "wheel_1"}))
-        stack.truth().until(lambda sample: sample.hinges["valve"] > 0.3, "turning the valve")
+
+        def turning(sample: messages.GroundTruth) -> bool:
+            if ended:
+                pytest.fail(f"the run failed: {ended[0].detail}; {robot.status().loop}; {''.join(stack.output)}")
+            return sample.hinges["valve"] > 0.3
+
+        stack.truth().until(turning, "turning the valve")
         return stack
 
     yield run

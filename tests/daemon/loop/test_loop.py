@@ -9,6 +9,7 @@ import pytest
 
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
 from hal.drives.lifecycle import State
+from hal.hardware import LOST_AFTER
 from handrail.stop import clear_stop, stop_now
 
 
@@ -127,7 +128,7 @@ def test_losing_one_drive_ends_the_action_and_quick_stops_all(bench, how: str) -
     bench.run(30)
     if how == "silence":
         bench.drives.silent[3] = True
-        snapshot = bench.run(9)
+        snapshot = bench.run(LOST_AFTER - 1)
         assert snapshot["flags"] == Flag.ENABLED, "a few lost replies are no lost drive"
         snapshot = bench.run(5)
     else:

@@ -116,6 +116,7 @@ def _run(
 
     def save() -> None:
         nonlocal status
+        opened.window.grabWindow()  # the first frame after a change of antialiasing still has the old one
         picture: Any = opened.window.grabWindow()
         if not picture.save(str(shot)):
             print(f"handrail tablet: can't write {shot}; expected a name that ends with .png", file=sys.stderr)

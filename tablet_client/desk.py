@@ -20,7 +20,8 @@ from tablet_client.models.situation import Situation
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
 
-_FRAME = 33  # ms between two looks at what has arrived, while things arrive
+FRAME = 33  # ms between two looks at what has arrived, while things arrive
+FRAME_IN_SOFTWARE = 66  # the same where the processor draws: it may be the robot's own
 _PATIENCE = 0.3  # s that a frame may take before the next look is taken anyway
 _COMMANDS: dict[str, Callable[[], Message]] = {
     "enable": Enable,
@@ -80,7 +81,7 @@ class Desk(QObject):
     ghostTimeChanged = Signal()
     _arrived = Signal()
 
-    def __init__(self, situation: Situation, stage: Stage, operator: str = "operator"):
+    def __init__(self, situation: Situation, stage: Stage, operator: str = "operator", frame: int = FRAME):
         super().__init__()
         self.situation, self._stage, self._operator = situation, stage, operator
         self.inbox = Inbox(self._arrived.emit)
@@ -93,7 +94,7 @@ class Desk(QObject):
         self._ghost_time = 0.0
         self._last_look = self._frame_since = time.monotonic()
         self._frame_out = False
-        self._look = QTimer(self, singleShot=True, interval=_FRAME)
+        self._look = QTimer(self, singleShot=True, interval=frame)
         self._look.timeout.connect(self.look)
         self._arrived.connect(self._soon, Qt.ConnectionType.QueuedConnection)
         stage.changed.connect(self._soon)

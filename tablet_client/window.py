@@ -17,7 +17,7 @@ from PySide6.QtQuick import QQuickWindow
 from PySide6.QtQuickControls2 import QQuickStyle
 
 from handrail.robot.description import RobotDescription
-from tablet_client.desk import Desk
+from tablet_client.desk import FRAME, FRAME_IN_SOFTWARE, Desk
 from tablet_client.models.situation import Situation
 from tablet_client.scene.stage import Stage
 
@@ -68,11 +68,15 @@ def open_window(
     antialiasing: int | None = None,
     operator: str = "operator",
 ) -> TabletWindow:
-    """Show the window. `look`: the view to start with; `antialiasing` None: what this machine's graphics can afford. Raises RuntimeError with QML's errors."""
+    """Show the window. `look`: the view to start with; `antialiasing` None: what this machine's graphics can afford.
+
+    Raises RuntimeError with QML's errors.
+    """
     application()
     _register()
     stage = Stage(describe, meshes)
-    desk = Desk(Situation(address), stage, operator)
+    software = software_rendering()
+    desk = Desk(Situation(address), stage, operator, FRAME_IN_SOFTWARE if software else FRAME)
     engine = QQmlApplicationEngine()
     problems: list[str] = []
 
@@ -85,7 +89,7 @@ def open_window(
     engine.rootContext().setContextProperty("desk", desk)
     engine.rootContext().setContextProperty("stage", stage)
     if antialiasing is None:
-        antialiasing = NO_ANTIALIASING if software_rendering() else ALWAYS
+        antialiasing = NO_ANTIALIASING if software else ALWAYS
     engine.setInitialProperties({"smoothing": antialiasing, "look": look, "width": size[0], "height": size[1]})
     engine.load(QUrl.fromLocalFile(str(_QML / "Main.qml")))
     roots = engine.rootObjects()

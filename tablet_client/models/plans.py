@@ -73,12 +73,12 @@ class Plans:
         self.playing = True
         self._rested = 0.0
 
-    def replace(self, plans: list[PlanPreview], *, used: bool = False) -> None:
-        """What a snapshot says there is. `used`: a program made them for itself, and may have executed them already."""
+    def replace(self, plans: list[PlanPreview], *, waiting: set[str] | None = None) -> None:
+        """What a snapshot says there is. `waiting`: when a program makes plans for itself, those not yet executed; None: all."""
         self._plans, self._tracks, self._used = {}, {}, set()
         for plan in plans:
             self.take(plan)
-            if used or not plan.fresh:
+            if not plan.fresh or (waiting is not None and plan.id not in waiting):
                 self._used.add(plan.id)
         self._show()
 

@@ -98,7 +98,8 @@ class Situation:
     def _engine_attached(self, item: arrivals.EngineAttached) -> None:
         snapshot = item.snapshot
         self.world.replace(snapshot.instances)
-        self.plans.replace(snapshot.plans, used=snapshot.run is not None)
+        asked = {prompt.plan for prompt in snapshot.prompts}
+        self.plans.replace(snapshot.plans, waiting=None if snapshot.run is None else asked)
         self.task.take(snapshot.run)
         self.prompts.replace(snapshot.prompts)
         self._attend()

@@ -43,7 +43,7 @@ Node {
         if (name === "front") look(90, -8, 2.5, body)
         else if (name === "side") look(0, -6, 2.4, body)
         else if (name === "top") look(0, -89, 2.4, body)
-        else if (name === "work") look(22, -16, 1.05, Qt.vector3d(stage.focus.x - 0.08, stage.focus.y, stage.focus.z))
+        else if (name === "work") look(32, -14, 1.3, Qt.vector3d(stage.focus.x - 0.2, stage.focus.y + 0.05, stage.focus.z - 0.02))
         else look(38, -14, 2.25, body)
     }
 

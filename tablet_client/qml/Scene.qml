@@ -9,6 +9,7 @@ View3D {
     property int smoothing: 0 // 0: none, 1: when nothing moves, 2: always, 3: for pictures
     property alias rig: rig
 
+    onSmoothingChanged: update() // a scene that stands still would keep its old edges
     objectName: "scene"
     camera: rig.camera
     environment: SceneEnvironment {

@@ -82,11 +82,11 @@ QtObject {
     }
 
     function clock(mode, seconds) {
-        if (!mode)
-            return ""
+        if (mode !== "lockstep")
+            return mode ? qsTr("Wall clock") : ""
         const minutes = Math.floor(seconds / 60)
         const text = minutes + ":" + String(seconds % 60).padStart(2, "0")
-        return (mode === "lockstep" ? qsTr("Simulated time %1") : qsTr("Robot time %1")).arg(text)
+        return qsTr("Simulated time %1").arg(text)
     }
 
     function outcome(name) {

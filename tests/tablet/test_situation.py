@@ -146,6 +146,14 @@ def test_after_an_interruption_the_snapshot_replaces_what_was_seen(situation, ro
     assert situation.task.status == "succeeded"
 
 
+def test_a_late_tablet_does_not_show_what_a_program_has_planned_and_executed(situation, robot):
+    snapshot = EngineSnapshot(instances=[], plans=[robot.plan()], run=robot.running(status="succeeded"), prompts=[])
+    situation.take(arrivals.EngineAttached(snapshot))
+    assert situation.plans.shown is None
+    situation.take(arrivals.EngineAttached(EngineSnapshot(instances=[], plans=[robot.plan()], run=None, prompts=[])))
+    assert situation.plans.shown is not None, "an operator's own plan waits for her"
+
+
 def test_plans_that_were_stale_before_a_tablet_came_are_not_shown_to_it(situation, robot):
     old = robot.plan(fresh=False, stale_because="it was executed")
     situation.take(arrivals.EngineAttached(EngineSnapshot(instances=[], plans=[old], run=None, prompts=[])))
@@ -162,10 +170,13 @@ def test_a_motion_hides_the_ghost_of_the_plan_that_it_executes(situation, robot)
     assert not situation.robot.moving
 
 
-def test_a_guard_that_trips_is_a_warning_and_an_end_as_planned_is_not(situation):
+def test_a_guard_that_trips_is_told_and_an_end_as_planned_is_not(situation):
+    before = len(situation.journal.entries)
     situation.take(ActionEvent(id="a", state="ended", outcome="done", time_ns=0, cycle=0))
     situation.take(ActionEvent(id="b", state="ended", outcome="pose_error", detail="21 mm", time_ns=0, cycle=0))
-    assert [entry.level for entry in situation.journal.entries[-2:]] == ["info", "warning"]
+    assert [(entry.level, *entry.details) for entry in situation.journal.entries[before:]] == [
+        ("warning", "pose_error", "21 mm")
+    ]
 
 
 def test_drives_are_told_by_the_gravest_of_them(situation, robot):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -530,3 +532,35 @@ def test_the_scene_is_really_drawn(asking, robot):
         for y in range(corner.y() - size, corner.y() + size, 4)
     }
     assert len(colors) > 300, "a robot has many shades, an empty background few"
+
+
+def test_the_command_saves_a_picture_of_the_waiting_window_and_exits(screen, tmp_path):
+    from PySide6.QtGui import QImage
+
+    picture = tmp_path / "tablet.png"
+    nobody = ("--connect", "tcp://127.0.0.1:9", "--keys", str(tmp_path / "keys"))
+    ended = subprocess.run(
+        (sys.executable, "-m", "handrail.cli", "tablet", *nobody, "--shot", str(picture), "--after", "0.5"),
+        env={**os.environ, "DISPLAY": screen, "QT_QPA_PLATFORM": "xcb", "QSG_RENDER_LOOP": "basic"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "Error" not in ended.stderr, ended.stderr
+    image = QImage(str(picture))
+    assert (image.width(), image.height()) == (1280, 800)
+
+
+def test_the_command_names_what_is_wrong_with_its_address(screen, tmp_path):
+    ended = subprocess.run(
+        (sys.executable, "-m", "handrail.cli", "tablet", "--connect", "robot", "--keys", str(tmp_path / "keys")),
+        env={**os.environ, "DISPLAY": screen},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert "tcp://HOST:PORT" in ended.stderr

@@ -20,8 +20,8 @@ from hal.joint import JointCommand, JointState
 from handrail.robot.description import RobotDescription
 
 LOST_AFTER = 50
-"""cycles without an answer after which a drive counts as lost. More than the drives' own watchdog (20 cycles): where the host is not
-heard, they have stopped by themselves by then; where only it does not hear, they go on following it meanwhile"""
+"""cycles without an answer after which a drive counts as lost. More than the drives' own watchdog (20 cycles): where the host is
+not heard, they have stopped by themselves by then; where only it does not hear, they go on following it meanwhile"""
 
 _NEVER = 1 << 30
 """cycles; the age of a reply that never came grows no further"""

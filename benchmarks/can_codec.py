@@ -1,4 +1,4 @@
-"""What a limb's frames cost to encode and decode, against cantools: ``python -m benchmarks.can_codec [--json PATH]``.
+"""What a limb's frames cost to encode and decode, against cantools: ``handrail bench can_codec``.
 
 Both work from the same DBC (hal/drives/limb_fd.dbc), one after the other in turns, so that both see the same machine. Ours
 includes the CRC, its check, and the logarithmic scales; cantools, one message a call as it works, does none of them.
@@ -6,11 +6,8 @@ includes the CRC, its check, and the logarithmic scales; cantools, one message a
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +15,7 @@ import cantools
 import numpy as np
 from cantools.database.can import Database, Message
 
+from benchmarks.rows import Row, against
 from hal.can import frames
 from hal.can.codec import Codec
 from hal.can.timing import BusTiming
@@ -25,6 +23,7 @@ from hal.drives.limb_fd import DBC, DriveTargets, LimbProtocol
 from hal.joint import JointCommand, JointState
 
 _ROUNDS, _ROUND_S = 15, 0.01
+_GOAL = 0.25
 
 
 def _robot() -> Any:
@@ -48,18 +47,11 @@ def _pace(work: Callable[[], object], count: int) -> float:
     return spent / (calls * count) * 1e6
 
 
-def _row(name: str, ours: tuple[Callable[[], object], int], peer: tuple[Callable[[], object], int]) -> dict[str, Any]:
+def _row(name: str, ours: tuple[Callable[[], object], int], peer: tuple[Callable[[], object], int]) -> Row:
     """Medians over turns of both; the callables do so many frames a call."""
     both = np.array([(_pace(*ours), _pace(*peer)) for _ in range(_ROUNDS)])
     value, peer_value = (float(median) for median in np.median(both, axis=0))
-    return {
-        "name": name,
-        "value": round(value, 3),
-        "unit": "µs/frame",
-        "peer": "cantools",
-        "peer_value": round(peer_value, 3),
-        "ratio": round(value / peer_value, 4),
-    }
+    return against(name, value, "µs/frame", "cantools", peer_value, at_most=_GOAL)
 
 
 def _message(database: Database, name: str) -> tuple[Message, dict[str, Any]]:
@@ -67,8 +59,8 @@ def _message(database: Database, name: str) -> tuple[Message, dict[str, Any]]:
     return message, {signal.name: 1.0 if not signal.choices else 1 for signal in message.signals}
 
 
-def rows() -> list[dict[str, Any]]:
-    """One row a task: name, value, unit, peer, peer_value, ratio (ours / peer's). About 3 s."""
+def rows() -> list[Row]:
+    """One row a task. About 3 s."""
     database = cantools.database.load_file(DBC)
     assert isinstance(database, Database)
     protocol, n = LimbProtocol(_robot()), 18
@@ -119,21 +111,3 @@ def rows() -> list[dict[str, Any]]:
             (lambda: drive.decode(drive_data, decode_choices=False), 1),
         ),
     ]
-
-
-def main() -> None:
-    """Print the table; with --json also write the rows."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.can_codec", description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="PATH", help="also write the rows to this file")
-    options = parser.parse_args()
-    made = rows()
-    width = max(len(row["name"]) for row in made)
-    print(f"{'':{width}}  {'ours':>9}  {'cantools':>9}  ratio   (µs a frame, median of {_ROUNDS} turns)")
-    for row in made:
-        print(f"{row['name']:{width}}  {row['value']:9.2f}  {row['peer_value']:9.2f}  {row['ratio']:.3f}")
-    if options.json:
-        options.json.write_text(json.dumps(made, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

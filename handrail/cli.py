@@ -27,6 +27,7 @@ _VERBS = {
     "tablet": "Open the operator's window.",
     "can": "The CAN bus: dump what is on it.",
     "program": "Check or run a program of the library.",
+    "bench": "Run a benchmark against its peers.",
 }
 
 

@@ -1,0 +1,42 @@
+"""`handrail bench NAME`: runs a benchmark of this folder; exit status 0 only when every goal holds."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.console import Console
+
+import benchmarks
+from benchmarks.rows import show
+
+_NOT_BENCHMARKS = {"cli", "rows"}
+
+
+def names() -> list[str]:
+    """The benchmarks that there are."""
+    return sorted(
+        module.name for module in pkgutil.iter_modules(benchmarks.__path__) if module.name not in _NOT_BENCHMARKS
+    )
+
+
+def bench(
+    name: Annotated[str, typer.Argument(help="Which benchmark; leave it out to see what there is.")] = "",
+    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the rows to this file, too.")] = None,
+) -> None:
+    """Measure against peers in one run, and print a table. Exit status 0: every goal holds; 1: not; 2: no such benchmark."""
+    console = Console()
+    console.width = max(console.width, 120)  # a table that is piped somewhere keeps its columns
+    if name not in names():
+        console.print(f"handrail bench: got {name!r}; expected one of {', '.join(names())}", markup=False)
+        raise typer.Exit(2)
+    rows = importlib.import_module(f"benchmarks.{name}").rows()
+    show(console, rows)
+    if json:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=2) + b"\n")
+    if not all(row.holds for row in rows):
+        raise typer.Exit(1)

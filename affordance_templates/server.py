@@ -109,8 +109,8 @@ class AffordanceServer:
         """Take an instance away."""
         with self._lock:
             gone = self.get(request.name)
-            del self._instances[request.name]
-            self._save()
+            left = {name: instance for name, instance in self._instances.items() if name != request.name}
+            self._commit(left, self._versions)
             self._changed(gone.state(removed=True))
 
     def set_joint(self, name: str, joint: str, position: float) -> Instance:
@@ -128,11 +128,19 @@ class AffordanceServer:
         return self._put(_resolvable(replace(old, version=old.version + 1, **changes)))  # type: ignore[arg-type]
 
     def _put(self, instance: Instance) -> Instance:
-        self._instances[instance.name] = instance
-        self._versions[instance.name] = instance.version
-        self._save()
+        self._commit({**self._instances, instance.name: instance}, {**self._versions, instance.name: instance.version})
         self._changed(instance.state())
         return instance
+
+    def _commit(self, instances: dict[str, Instance], versions: dict[str, int]) -> None:
+        """What holds from now on; where it can't be written (OSError), nothing has changed."""
+        before = self._instances, self._versions
+        self._instances, self._versions = instances, versions
+        try:
+            self._save()
+        except OSError:
+            self._instances, self._versions = before
+            raise
 
     # ---------------------------------------------------------------------------------------------------------------- disk
 

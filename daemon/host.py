@@ -7,6 +7,7 @@ motion goes on; the *plant* takes the loop with it, since the bus lives inside i
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import shlex
@@ -21,7 +22,9 @@ from typing import Annotated
 
 import typer
 
+from daemon import exchange, mailbox, ring
 from daemon.health import clear_health, write_health
+from daemon.shared_file import drop_unless_fit
 from daemon.supervisor import Child, StartError, Supervisor
 from handrail.config import ConfigError
 from handrail.robot import description as robots
@@ -94,7 +97,12 @@ def _checked_scene(scene: str | None) -> str:
 @contextmanager
 def sole_service(runtime: Runtime) -> Iterator[None]:
     """Hold the runtime folder for this process. Raises UsageError when another service runs in it."""
-    lock = os.open(runtime.folder / "up.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        lock = os.open(runtime.folder / "up.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise UsageError(
+            f"runtime folder: {runtime.folder}: {error.strerror}; expected a folder that this user may write in"
+        ) from error
     try:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -110,6 +118,16 @@ def sole_service(runtime: Runtime) -> Iterator[None]:
         os.close(lock)
 
 
+def drop_leftovers(runtime: Runtime, description: RobotDescription) -> None:
+    """Remove what another robot's (or version's) service left where this one's loop and server meet. Call as the sole service.
+
+    What this robot's own left stays: a server that starts tells how its actions ended, and latches its operator stop again.
+    """
+    snapshot = exchange.snapshot_dtype(len(description.joints), len(description.channels))
+    drop_unless_fit(runtime.state_ring, magic=ring.MARK, record_size=snapshot.itemsize)
+    drop_unless_fit(runtime.mailbox, magic=mailbox.MARK, record_size=exchange.COMMAND.itemsize)
+
+
 class _Log:
     """The live log: one line an event, with the seconds since the start and the process that it is about."""
 
@@ -120,7 +138,9 @@ class _Log:
     def __call__(self, name: str, text: str) -> None:
         """A line about (or of) one process."""
         shown = f"\x1b[1m{name:<7}\x1b[0m" if self._colour else f"{name:<7}"
-        typer.echo(f"{time.monotonic() - self._start:7.1f} s  {shown} {text}")
+        # Whoever read the log may have gone (`| head`, a closed terminal): the robot's service goes on.
+        with contextlib.suppress(OSError):
+            typer.echo(f"{time.monotonic() - self._start:7.1f} s  {shown} {text}")
 
 
 def up(
@@ -154,6 +174,7 @@ def up(
             where = f" in scene {scene}" if scene else ""
             typer.echo(f"{description.name}{where}, {clock.value} clock")
             typer.echo(f"runtime folder {place.folder}")
+            drop_leftovers(place, description)
             _serve(processes, place, port if link else None)
     except (ConfigError, UsageError) as error:
         typer.echo(f"handrail up: {error}", err=True)
@@ -184,14 +205,24 @@ def _serve(processes: list[Child], runtime: Runtime, port: int | None) -> None:
         },
     )
     supervisor.on_health = lambda health: write_health(runtime.folder, health)
-    for number in (signal.SIGINT, signal.SIGTERM):
+    # A signal that comes just before a wait begins would be handled only after it: its arrival ends the wait, too.
+    signal.set_wakeup_fd(supervisor.wake_fd, warn_on_full_buffer=False)
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if (
+        signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    ):  # a closed terminal ends the service in order; not so with nohup
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
         signal.signal(number, lambda _signal, _frame: supervisor.ask_end())
     try:
         if supervisor.start():
-            _welcome(runtime, port)
+            with contextlib.suppress(OSError):  # as in _Log
+                _welcome(runtime, port)
             supervisor.run()
-        typer.echo("ending all processes")
+        with contextlib.suppress(OSError):
+            typer.echo("ending all processes")
     finally:
+        signal.set_wakeup_fd(-1)
         supervisor.close()
         clear_health(runtime.folder)
 

@@ -104,14 +104,17 @@ class Loop:
         self.work_ns = time.perf_counter_ns() - began
         self.publish()
 
-    def serve_stop(self) -> None:
-        """The operator stop comes first, whatever else goes on."""
+    def serve_stop(self) -> bool:
+        """The operator stop comes first, whatever else goes on. True when one came."""
+        stopped = False
         for request in self.stop_socket.requests():
             if request.stop:
                 self.life.stop(request.reason)
                 self.holds.release_all()  # the drives must hear of it: time goes on
+                stopped = True
             else:
                 self.life.clear_stop()
+        return stopped
 
     def read_bus(self) -> None:
         """Take in the drives' replies; in lock-step, wait for them."""
@@ -197,7 +200,8 @@ class Loop:
             wait = min(next_beat - now, self.holds.remaining())
             select.select([self.stop_socket.fileno(), self.doorbell.fileno()], [], [], wait)
             self.doorbell.clear()
-            self.serve_stop()
+            if self.serve_stop():
+                return  # a hold that waits in the mailbox must not come between the stop and the drives
             while self.orders.serve(self.written, self.time_ns):
                 self.publish()
 
@@ -230,11 +234,12 @@ class Loop:
 
 
 def warm_up(kinematics: Kinematics) -> None:
-    """Compile what the cycle calls, before the bus is joined: its socket would fill while nobody reads."""
+    """Compile all that the cycle ever calls, before the bus is joined: in mid-motion it would hold the robot up for a second."""
     n = len(kinematics.description.joints)
     limits, state, command = Limits.of(kinematics.description), JointState(n), JointCommand(n)
     robot = RobotState(kinematics, state, limits.period)
     robot.update(state.position, state.velocity)
+    robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)
     motion.activate(robot, command)

@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create, whole_lines
 
-_MARK = 0x48524D41494C_01
+MARK = 0x48524D41494C_01
 
 
 class MailboxFull(RuntimeError):
@@ -27,7 +27,7 @@ class MailboxReader:
         self._memory = create(
             path,
             WORDS * 8 + slots * (whole_lines(8 + command.itemsize) + floats * 8),
-            magic=_MARK,
+            magic=MARK,
             record_size=command.itemsize,
             count=slots,
             payload_size=floats,
@@ -56,7 +56,7 @@ class MailboxWriter:
     """The server's side: `post` commands. One process, one thread."""
 
     def __init__(self, path: Path, command: np.dtype):
-        self._file = Attached(path, _MARK, command.itemsize)
+        self._file = Attached(path, MARK, command.itemsize)
         self._command = command
         self._mapped = 0
 

@@ -54,8 +54,10 @@ class ControllerManager:
     def enable(self) -> None:
         """Hold every joint where it is measured, from this cycle on: the drives have just come to life."""
         hold = Hold(np.arange(len(self.claims)), self.gains, self.robot.joints.position)
-        # There is no torque to continue from: the brakes carried the robot until now.
+        # There is no torque to continue from: the brakes carried the robot until now. Nor is there a switch to smooth, though
+        # one may have been begun in the cycle in which the robot was stopped.
         self._since_switch[:] = np.inf
+        self._switched[:] = False
         self._set([hold])
 
     def release_all(self) -> None:

@@ -22,6 +22,7 @@ from handrail.messages import ActionEvent, BusStatistics, DaemonStatus, DriveSta
 from handrail.robot.description import RobotDescription
 
 _SILENT_CYCLES = 10
+"""without an answer, after which people are shown `unknown`; the loop goes on until hal.hardware.LOST_AFTER"""
 STATE_PERIOD_NS = 10_000_000
 """of RobotState, in the robot's time"""
 _LOAD_WINDOW_NS = 1_000_000_000

@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon.shared_file import COUNTER, WORDS, Attached, create, whole_lines
 
-_MARK = 0x48525354415445_01
+MARK = 0x48525354415445_01
 
 
 def _slot(record: np.dtype) -> np.dtype:
@@ -36,7 +36,7 @@ class StateRingWriter:
         """`record`: dtype of one snapshot; `capacity`: how many snapshots a slow reader may fall behind."""
         slot = _slot(record)
         self._memory = create(
-            path, WORDS * 8 + capacity * slot.itemsize, magic=_MARK, record_size=record.itemsize, count=capacity
+            path, WORDS * 8 + capacity * slot.itemsize, magic=MARK, record_size=record.itemsize, count=capacity
         )
         self._words = np.frombuffer(self._memory, np.int64, WORDS)
         slots = np.frombuffer(self._memory, slot, capacity, WORDS * 8)
@@ -68,7 +68,7 @@ class StateRingReader:
     """Reads snapshots in order, across restarts of the loop. Any number of readers; none of them disturbs the loop."""
 
     def __init__(self, path: Path, record: np.dtype):
-        self._file = Attached(path, _MARK, record.itemsize)
+        self._file = Attached(path, MARK, record.itemsize)
         self._record = record
         self._last = 0
         self._mapped = 0

@@ -52,7 +52,6 @@ class RobotState:
         self._torque_weight = 1.0 / kinematics.description.torque_limit
         self._force_gain = 1.0 - np.exp(-2.0 * np.pi * _FORCE_CUTOFF_HZ * period)
         self._jacobians_fresh = False
-        _least_squares_force(np.zeros((6, self._model.nv), order="F"), self._rows, self.gravity, self._torque_weight)
 
     def update(self, commanded_position: Array, commanded_velocity: Array) -> None:
         """Take the joints as measured now, and what was commanded in the cycle before, into the model."""

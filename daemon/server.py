@@ -27,7 +27,6 @@ from daemon.reporter import Reporter
 from daemon.ring import StateRingReader
 from daemon.validation import check_start
 from handrail import messages as m
-from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
@@ -173,7 +172,7 @@ class Server:
         try:
             self._mailbox.post(header, payload)
         except MailboxFull as error:
-            raise refuse(str(error)) from error
+            raise refuse(str(error) if self._loop_bell.ring() else _NO_LOOP) from error
         if not self._loop_bell.ring():
             raise refuse(_NO_LOOP)
         deadline = time.monotonic() + _ANSWER_TIMEOUT_S
@@ -277,8 +276,8 @@ def main(
     if clock not in ("wall", "lockstep"):
         raise typer.BadParameter(f"got {clock!r}; expected wall or lockstep", param_hint="--clock")
     try:
-        description = robots.load(robot)
-    except ConfigError as error:
+        description, place = robots.load(robot), Runtime.at(runtime)
+    except ValueError as error:
         typer.echo(f"daemon.server: {error}", err=True)
         raise typer.Exit(2) from error
     ending = False
@@ -289,7 +288,7 @@ def main(
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
-    server = Server(description, Runtime.at(runtime), "lockstep" if clock == "lockstep" else "wall")
+    server = Server(description, place, "lockstep" if clock == "lockstep" else "wall")
     try:
         server.take_over()
         print("server ready", flush=True)

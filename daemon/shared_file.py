@@ -46,6 +46,16 @@ def create(path: Path, size: int, *, magic: int, record_size: int, count: int, p
     return memory
 
 
+def drop_unless_fit(path: Path, *, magic: int, record_size: int) -> bool:
+    """Remove a file that no process uses where `Attached` would refuse it: another robot or version left it. True: removed."""
+    try:
+        Attached(path, magic, record_size).refresh()
+    except (SharedFileError, ValueError, OSError):  # ValueError: too short to be mapped, or for its header
+        path.unlink(missing_ok=True)
+        return True
+    return False
+
+
 class Attached:
     """A file that another process makes, mapped again whenever that process has started anew."""
 

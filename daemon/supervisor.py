@@ -124,6 +124,11 @@ class Supervisor:
     def all_up(self) -> bool:
         return all(kept.state is State.UP for kept in self._kept.values())
 
+    @property
+    def wake_fd(self) -> int:
+        """Non-blocking file descriptor; a byte written to it ends a wait in `step` (for `signal.set_wakeup_fd`)."""
+        return self._wake_write
+
     def ask_end(self) -> None:
         """Make `run` and `start` return soon. May be called from a signal handler."""
         self._end_asked = True

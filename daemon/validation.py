@@ -69,7 +69,12 @@ def _check_state(snapshot: np.ndarray) -> None:
     flags = Flag(int(snapshot["flags"]))
     if Flag.STOPPED in flags:
         reason = bytes(snapshot["stop_reason"]).decode(errors="replace")
-        raise refuse(f"the operator stop is latched ({reason}): ClearStop, then Enable", "stopped", "true", "false")
+        raise refuse(
+            f"the operator stop is latched ({reason}): ClearStop (or handrail stop --clear), then Enable",
+            "stopped",
+            "true",
+            "false",
+        )
     if Flag.ENABLED not in flags:
         raise refuse("the robot is not enabled: call Enable first", "enabled", "false", "true")
 

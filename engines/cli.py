@@ -20,6 +20,7 @@ app = typer.Typer(help="Check, list and run programs.", no_args_is_help=True, ad
 _out = Console()
 _err = Console(stderr=True)
 _RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
+_SILENT_S = 2.0
 
 
 @app.command()
@@ -68,7 +69,7 @@ def run(
     connect_to: Annotated[str, typer.Option("--connect", help="Address of the robot's link.")] = DEFAULT_ADDRESS,
     keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
 ) -> None:
-    """Deploy a program on a robot that is up, run it, and follow it to its end. Ctrl-C stops the run.
+    """Deploy a program on a robot that is up, run it, and follow it to its end. Ctrl-C stops the run, at a prompt too.
 
     Exits with 0 when it succeeded, 1 when it failed or was refused, 130 when it was stopped.
     """
@@ -91,9 +92,19 @@ def _follow(robot: Client, program: str, bindings: dict[str, str], parameters: d
         _out.print(f"{program} {deployed.hash} runs as {started.run}", highlight=False)
         shown = ""
         try:
-            for event in events:
+            while True:
+                event = events.next(_SILENT_S)
+                if event is None:
+                    # A long motion is silent too, but the end may have been missed, or the engine be another one by now.
+                    try:
+                        event = robot.snapshot().run
+                    except Unreachable:
+                        continue
+                    if event is None or event.run != started.run:
+                        _err.print("the engine was started anew since: this run is over", style="red")
+                        return 1
                 if isinstance(event, RunState) and event.run == started.run:
-                    line = f"{event.status:9} {' / '.join(event.active)}  {_numbers(event)}"
+                    line = f"{event.status:9} {' / '.join(event.active)}  {_numbers(event, started)}".rstrip()
                     if line != shown:
                         _out.print(line, highlight=False, markup=False, soft_wrap=True)
                     shown = line
@@ -104,13 +115,11 @@ def _follow(robot: Client, program: str, bindings: dict[str, str], parameters: d
                     _answer(robot, event, yes)
                 elif isinstance(event, LogLine) and event.level != "info":
                     _err.print(f"{event.source}: {event.text}", markup=False, highlight=False, soft_wrap=True)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, typer.Abort):  # the latter from a prompt, also where nobody can type an answer
             with contextlib.suppress(RefusedError):  # it has ended by itself in this moment
                 robot.stop_run()
             _out.print("stopped: cancelled from the keyboard; the robot holds")
             return _RESULTS["stopped"]
-    _err.print("the robot's events ended before the run did", style="red")
-    return 1
 
 
 def _answer(robot: Client, prompt: Prompt, yes: bool) -> None:
@@ -128,11 +137,12 @@ def _answer(robot: Client, prompt: Prompt, yes: bool) -> None:
         _out.print(f"  {late}", highlight=False, markup=False)
 
 
-def _numbers(state: RunState) -> str:
+def _numbers(state: RunState, started: RunState) -> str:
+    """Those that the run has changed: parameters and what has not begun to count yet say nothing."""
     return "  ".join(
         f"{name} {value:.4g}"
         for name, value in state.data.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
+        if isinstance(value, int | float) and not isinstance(value, bool) and value != started.data.get(name)
     )
 
 

@@ -29,6 +29,7 @@ from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 OWNER = "engine"
 _CHECK_IN_S = 0.3
 _SILENT_S = 3.0
+_ANOTHER_CLOCK_NS = 1_000_000_000
 
 
 class ActionWatch:
@@ -68,7 +69,6 @@ class DaemonClient:
         self._lock = threading.Lock()
         self._watches: dict[str, ActionWatch] = {}
         self._command: np.ndarray | None = None
-        self._cycle = -1
         self._time_ns = 0
         self._last_heard = -float("inf")
         self._status: DaemonStatus | None = None
@@ -160,12 +160,11 @@ class DaemonClient:
             self._status = message
             return
         with self._lock:
-            if message.time_ns < self._time_ns - 1_000_000_000:
-                # The clock went back: another daemon, which counts from the beginning.
-                self._cycle = -1
-            if message.cycle >= self._cycle and len(message.command) == self._joints:
-                self._cycle, self._time_ns = message.cycle, message.time_ns
-                self._command = np.array(message.command)
+            # Compared by the robot's clock: a loop that is started anew counts its cycles from 0 again, the clock goes on. Where
+            # the clock itself has gone back far, it is another robot's, or a plant that was started anew.
+            newer = message.time_ns >= self._time_ns or message.time_ns < self._time_ns - _ANOTHER_CLOCK_NS
+            if newer and len(message.command) == self._joints:
+                self._time_ns, self._command = message.time_ns, np.array(message.command)
             watch = self._watches.get(message.id) if isinstance(message, ActionEvent) else None
         if watch is not None and isinstance(message, ActionEvent):
             watch.tell(message)

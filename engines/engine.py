@@ -99,6 +99,11 @@ class Engine:
             self._service.poll()
             self._publish()
 
+    @property
+    def wake_fd(self) -> int:
+        """Non-blocking file descriptor; a byte written to it wakes `serve`."""
+        return self._wake.write_fd
+
     def stop(self) -> None:
         """End `serve`, from any thread or a signal handler."""
         self._closing.set()
@@ -119,7 +124,14 @@ class Engine:
         self._wake.close()
 
     def _answer(self, call: Any) -> Any:
-        return self._answers[type(call)](call)
+        try:
+            return self._answers[type(call)](call)
+        except RefusedError:
+            raise
+        except Exception as crash:
+            # One call that finds a defect must not end the engine, and with it a program that moves the robot.
+            logging.exception("%s crashed", type(call).__name__)
+            raise refuse(f"the engine could not carry it out: {type(crash).__name__}: {crash}") from crash
 
     def _publish(self) -> None:
         while not self._outbox.empty():
@@ -160,7 +172,7 @@ class Engine:
 
     def _deploy(self, call: m.Deploy) -> m.Deployment:
         try:
-            program = library.load(call.program)
+            program = library.named(call.program)
         except ConfigError as problem:
             raise refuse("the program can't be deployed", "program", call.program, str(problem)) from problem
         deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
@@ -233,6 +245,8 @@ def main(arguments: list[str] | None = None) -> int:
     engine = Engine(
         runtime, description, ManipulationPlanner(description, Kinematics(description)), tip_poses(description)
     )
+    # A signal that comes just before the poll begins would be handled only after it: its arrival must end the poll, too.
+    signal.set_wakeup_fd(engine.wake_fd, warn_on_full_buffer=False)
     for name in (signal.SIGTERM, signal.SIGINT):
         signal.signal(name, lambda *_: engine.stop())
     print("engine ready", flush=True)

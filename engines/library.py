@@ -39,12 +39,19 @@ def load(name_or_file: str) -> Program:
     """Read and check a program, by its name in the library or by its file. Raises ConfigError."""
     if name_or_file.endswith((".yaml", ".yml")):
         return program.read(Path(name_or_file))
+    return named(name_or_file, "or a file")
+
+
+def named(name: str, otherwise: str = "") -> Program:
+    """Read and check a program of the library, by its name alone: what a client asks for opens no other file of the robot's.
+
+    :param otherwise: what else would have been taken, for the ConfigError that names the programs that there are
+    """
     known = files()
-    if name_or_file not in known:
-        raise ConfigError(
-            name_or_file, None, "program", f"no such program; expected one of {', '.join(sorted(known))}, or a file"
-        )
-    return program.read(known[name_or_file])
+    if name not in known:
+        expected = ", ".join([*sorted(known), otherwise] if otherwise else sorted(known))
+        raise ConfigError(name, None, "program", f"no such program; expected one of {expected}")
+    return program.read(known[name])
 
 
 def listing() -> Library:

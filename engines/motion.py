@@ -6,9 +6,10 @@ starts in between.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from engines.daemon_client import OWNER, DaemonClient
 from handrail.messages import (
@@ -37,11 +38,18 @@ _LISTEN_S = 0.5
 _UNKNOWN_LIMIT = 4
 
 
-class MotionFailed(Exception):
-    """A motion that did not end as planned or could not start. `reason` is one word, `str()` a sentence."""
+def _always() -> str:
+    return ""
 
-    def __init__(self, reason: str, message: str):
-        self.reason = reason
+
+class MotionFailed(Exception):
+    """A motion that did not end as planned or could not start. `reason` is one word, `str()` a sentence.
+
+    `started` is False where it is certain that the robot has not begun it.
+    """
+
+    def __init__(self, reason: str, message: str, *, started: bool = True):
+        self.reason, self.started = reason, started
         super().__init__(message)
 
 
@@ -54,6 +62,8 @@ class Motion:
         self._gate = threading.Condition()
         self._paused = False
         self._action = ""
+        self._still: Callable[[], str] = _always
+        self._outdated = ""
         self._name = uuid.uuid4().hex[:8]
         self._count = 0
 
@@ -62,13 +72,21 @@ class Motion:
         return self._paused
 
     def run(
-        self, motion: MotionMessage, ends: Sequence[EndCondition], cancelled: threading.Event, *, what: str = "motion"
+        self,
+        motion: MotionMessage,
+        ends: Sequence[EndCondition],
+        cancelled: threading.Event,
+        *,
+        what: str = "motion",
+        still: Callable[[], str] = _always,
     ) -> ActionEvent:
         """Run one action and wait for its end.
 
         :param cancelled: set it and call `interrupt` to end the action early
+        :param still: why the motion may not be run any more, in words, empty while it may: asked right before it starts, however
+            long a pause kept it waiting, and again before a pause of it ends
         :return: its last event; the outcome is `done` or the name of the end condition that tripped
-        :raises MotionFailed: where it could not start, or ended otherwise
+        :raises MotionFailed: where it could not start, or ended otherwise; `stale` where `still` said why
         """
         self._count += 1
         action = f"{OWNER}-{self._name}-{self._count}"
@@ -76,47 +94,58 @@ class Motion:
             unknown = 0
             hold = self._hold_after_s
             message = StartAction(id=action, owner=OWNER, motion=motion, ends=list(ends), hold_after_s=hold)
-            self._start(message, cancelled, what)
+            self._start(message, cancelled, what, still)
             try:
                 while True:
                     event = watch.next(_LISTEN_S)
                     if event is not None and event.state == "ended":
                         break
                     # A daemon that was started anew knows nothing of the action, and will never tell that it ended.
+                    if event is None and cancelled.is_set():
+                        self._cancel_again()
                     unknown = unknown + 1 if event is None and self._daemon.running_action() != action else 0
                     if not self._daemon.alive() or unknown >= _UNKNOWN_LIMIT:
                         raise MotionFailed("daemon_lost", f"{what}: the daemon has gone silent or was started anew")
             finally:
                 with self._gate:
-                    self._action = ""
+                    self._action, self._still = "", _always
+                    outdated, self._outdated = self._outdated, ""
+                    self._gate.notify_all()
         if event.outcome == "done" or event.outcome in GUARDS:
             return event
+        if outdated:
+            raise MotionFailed("stale", f"{what} was not resumed: {outdated}")
         detail = f" ({event.detail})" if event.detail else ""
         raise MotionFailed(event.outcome, f"{what}: {_REASONS.get(event.outcome, event.outcome)}{detail}")
 
-    def _start(self, message: StartAction, cancelled: threading.Event, what: str) -> None:
+    def _start(self, message: StartAction, cancelled: threading.Event, what: str, still: Callable[[], str]) -> None:
         with self._gate:
             self._gate.wait_for(lambda: not self._paused or cancelled.is_set())
             if cancelled.is_set():
-                raise MotionFailed("cancelled", f"{what}: it was cancelled")
+                raise MotionFailed("cancelled", f"{what}: it was cancelled", started=False)
+            if why := still():
+                raise MotionFailed("stale", f"{what} was not started: {why}", started=False)
             try:
                 self._daemon.call(message)
             except RefusedError as refused:
-                raise MotionFailed("refused", f"{what}: the daemon refused it: {refused}") from refused
+                raise MotionFailed("refused", f"{what}: the daemon refused it: {refused}", started=False) from refused
             except Unreachable as silent:
                 raise MotionFailed("daemon_lost", f"{what}: {silent}") from silent
-            self._action = message.id
+            self._action, self._still = message.id, still
 
     def pause(self) -> None:
-        """Stop moving along the path, and start nothing new. Raises Unreachable when the daemon does not answer."""
+        """Stop moving along the path, and start nothing new. Raises Unreachable when the daemon does not answer: then it is not
+        paused (or the pause goes on, if it was).
+        """
         with self._gate:
-            self._paused = True
             self._tell(PauseAction)
+            self._paused = True
 
     def resume(self) -> None:
-        """Go on. Raises Unreachable when the daemon does not answer."""
+        """Go on; a motion that may not be run any more is cancelled instead. Raises Unreachable when the daemon does not answer."""
         with self._gate:
-            self._tell(ResumeAction)
+            self._outdated = self._still() if self._paused else ""
+            self._tell(CancelAction if self._outdated else ResumeAction)
             self._paused = False
             self._gate.notify_all()
 
@@ -124,6 +153,16 @@ class Motion:
         """End the running action, after its `cancelled` was set. Raises Unreachable when the daemon does not answer."""
         with self._gate:
             self._gate.notify_all()
+            self._tell(CancelAction)
+
+    def settled(self, timeout_s: float) -> bool:
+        """Wait until no action runs any more; False when one still does."""
+        with self._gate:
+            return self._gate.wait_for(lambda: not self._action, timeout_s)
+
+    def _cancel_again(self) -> None:
+        # The daemon may not have heard of it the first time; it does not mind hearing it twice.
+        with self._gate, contextlib.suppress(Unreachable):
             self._tell(CancelAction)
 
     def _tell(self, kind: type[PauseAction | ResumeAction | CancelAction]) -> None:

@@ -33,6 +33,14 @@ class PlanRecord:
     ended: ActionEvent | None = None
     """how that one ended"""
     executing: bool = False
+    shown_fresh: bool = True
+    """what clients were told last"""
+
+    @property
+    def finished(self) -> bool:
+        """Whether it was executed to its end."""
+        at_end = self.reached == len(self.plan.segments) - 1 and not self.executing
+        return at_end and self.ended is not None and self.ended.outcome == "done"
 
 
 class PlanStore:
@@ -57,6 +65,7 @@ class PlanStore:
             while len(self._records) > _KEPT:
                 self._records.popitem(last=False)
         preview = self.preview(record)
+        record.shown_fresh = preview.fresh
         self._publish(preview)
         return preview
 
@@ -73,7 +82,11 @@ class PlanStore:
             return self._records[id]
 
     def stale(self, record: PlanRecord, *, start: bool = True) -> str:
-        """Why a plan can't be executed any more, in words; empty when it can. `start`: also compare its start with the robot."""
+        """Why a plan can't be executed any more, in words; empty when it can. `start`: from its beginning, which it can be once,
+        and only from where the robot is.
+        """
+        if start and record.finished:
+            return "it was executed already; plan anew"
         command = self._command() if start else None
         return record.plan.stale(self._versions(), None if command is None else command[self._rows(record.plan.joints)])
 
@@ -89,8 +102,11 @@ class PlanStore:
         return [self.preview(record) for record in records]
 
     def instance_changed(self, name: str) -> None:
-        """Show the plans made from an instance again: they may have become stale."""
+        """Show those plans made from an instance again that have become stale by it: a plan is large, and a link may be slow."""
         with self._lock:
             records = [record for record in self._records.values() if name in record.plan.made_from]
         for record in records:
-            self._publish(self.preview(record))
+            preview = self.preview(record)
+            if preview.fresh != record.shown_fresh:
+                record.shown_fresh = preview.fresh
+                self._publish(preview)

@@ -21,6 +21,8 @@ from engines.statechart import Chart
 from handrail.messages import RunState
 from handrail.topics import Unreachable, refuse
 
+_SETTLE_S = 3.0
+"""wall time that a run waits for its cancelled motion to stand, before it says that it has ended"""
 HOLD_S = 30.0
 """wall time for which simulated time waits at most, while a program computes (lock-step)"""
 _log = logging.getLogger(__name__)
@@ -44,6 +46,7 @@ class ProgramRun:
         self._services, self._publish = services, publish
         self._motion = Motion(services.daemon, hold_after_s=HOLD_S)
         program = deployed.program
+        self._parameters = deployed.parameters
         self._context = Context(services, f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
         self._chart = Chart(program, deployed.names(), self._activity)
         self._lock = threading.RLock()
@@ -54,8 +57,9 @@ class ProgramRun:
             hash=program.hash,
             status="ready",
             active=[],
-            data=self._chart.variables(),
+            data=self._data(),
         )
+        self._stopping = False
         self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
 
     @property
@@ -77,6 +81,7 @@ class ProgramRun:
     def pause(self) -> None:
         """Stop the motion along its path and start nothing new. Refused when there is nothing that runs."""
         with self._lock:
+            self._not_stopping()
             if self._state.status != "running":
                 raise refuse("the program does not run", "status", self._state.status, "running")
             _reach(self._motion.pause)
@@ -85,6 +90,7 @@ class ProgramRun:
     def resume(self) -> None:
         """Go on. Refused when it is not paused."""
         with self._lock:
+            self._not_stopping()
             if self._state.status != "paused":
                 raise refuse("the program is not paused", "status", self._state.status, "paused")
             _reach(self._motion.resume)
@@ -94,7 +100,13 @@ class ProgramRun:
         """Cancel the motion and end; the robot holds. Refused when it has ended already."""
         if not self.active:
             raise refuse("the program has ended", "status", self.state.status, "running or paused")
+        self._stopping = True
         self._chart.stop()
+
+    def _not_stopping(self) -> None:
+        # The motion slows down to its end: nothing may set it going again.
+        if self._stopping and self.active:
+            raise refuse("the program is being stopped")
 
     def join(self, timeout_s: float) -> None:
         """Wait until it has ended."""
@@ -108,7 +120,7 @@ class ProgramRun:
         try:
             self._chart.begin()
             while (end := self._chart.ended) is False:
-                self._tell(active=self._chart.active(), data=self._chart.variables())
+                self._tell(active=self._chart.active(), data=self._data())
                 self._chart.step()
             if isinstance(end, State):
                 status, detail = str(end.file.outcome), self._chart.words(end.file.detail)
@@ -120,7 +132,12 @@ class ProgramRun:
             status, detail = "failed", f"the engine's own error: {type(crash).__name__}: {crash}"
         finally:
             self._services.daemon.release_time()
-        self._tell(status=status, detail=detail, active=self._chart.active(), data=self._chart.variables())
+        if not self._motion.settled(_SETTLE_S):
+            self._services.log("warning", "the program has ended, but the daemon has not told that its motion has")
+        self._tell(status=status, detail=detail, active=self._chart.active(), data=self._data())
+
+    def _data(self) -> dict[str, Any]:
+        return {**self._chart.variables(), **self._parameters}
 
     def _tell(self, **changes: Any) -> None:
         with self._lock:
@@ -169,6 +186,9 @@ class PlanExecution:
             ended = execute(self._services, self._motion, self._record, self._segments, self._cancelled)
         except ActivityFailed as failed:
             self._services.log("info" if failed.reason == "cancelled" else "error", f"{label}: {failed}")
+        except Exception as crash:  # noqa: BLE001
+            _log.exception("%s crashed", label)
+            self._services.log("error", f"{label}: the engine's own error: {type(crash).__name__}: {crash}")
         else:
             level = "info" if ended["outcome"] == "done" else "warning"
             self._services.log(level, f"{label}: {ended['outcome']} after {ended['segment']}")

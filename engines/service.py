@@ -68,6 +68,11 @@ class Wake:
         """To be polled for reading."""
         return self._reader.fileno()
 
+    @property
+    def write_fd(self) -> int:
+        """For `signal.set_wakeup_fd`: non-blocking."""
+        return self._writer.fileno()
+
     def set(self) -> None:
         """Wake the other side."""
         try:

@@ -87,7 +87,9 @@ class Chart(Interpreter):
         return None if final == STOPPED else self._by_id[final]
 
     def active(self) -> list[str]:
-        """Ids of the active states, outermost first."""
+        """Ids of the active states, outermost first; none before it has begun."""
+        if self._machine is None:
+            return []
         active = {state.id for state in self._machine.configuration}
         states = [state for state in self._by_id.values() if state.id in active]
         return [state.id for state in sorted(states, key=lambda state: len(list(state.lineage())))]

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 _T = TypeVar("_T")
 
@@ -110,6 +110,10 @@ def read(file: Path | str) -> Document:
     except MarkedYAMLError as error:
         mark = error.problem_mark
         raise ConfigError(file, mark.line + 1 if mark else None, "", f"not YAML: {error.problem}") from error
+    except YAMLError as error:  # a character that no YAML has
+        raise ConfigError(file, None, "", f"not YAML: {' '.join(str(error).split())}") from error
+    except RecursionError as error:
+        raise ConfigError(file, None, "", "not a file of ours: nested too deeply") from error
     if not isinstance(data, CommentedMap):
         raise ConfigError(file, 1, "", f"expected a mapping at the top, got {type(data).__name__}")
     return Document(file, data)

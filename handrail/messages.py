@@ -585,7 +585,7 @@ class RunState(Message):
     active: list[str]
     """ids of the active states, outermost first"""
     data: dict[str, Any] = {}
-    """the program's variables"""
+    """the program's variables as they stand, then its parameters as deployed; no name is both"""
     detail: str = ""
     """why it failed or stopped"""
     time_ns: int = 0

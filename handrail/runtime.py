@@ -27,13 +27,14 @@ class Runtime:
     folder: Path
 
     @classmethod
-    def at(cls, folder: str | os.PathLike[str] | None = None) -> Runtime:
+    def at(cls, folder: str | os.PathLike[str] | None = None, *, make: bool = True) -> Runtime:
         """The folder named, else ``$HANDRAIL_RUNTIME``, else one of this user's own; made if it is missing.
 
-        Raises ValueError where the path is too long for Unix sockets.
+        `make` False, for who only looks for a robot: it is neither made nor need it be this user's. Raises ValueError where the
+        path is too long for Unix sockets, can't be made, is no folder, or is another user's.
         """
         if folder is None:
-            folder = os.environ.get("HANDRAIL_RUNTIME")
+            folder = os.environ.get("HANDRAIL_RUNTIME") or None
         if folder is None:
             folder = memory_folder() / f"handrail-{os.getuid()}"
         path = Path(folder).absolute()
@@ -42,7 +43,14 @@ class Runtime:
                 f"runtime folder: {path} has {len(os.fsencode(path))} bytes; "
                 f"expected at most {_LONGEST_FOLDER}, since Unix sockets live in it"
             )
-        path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if not make:
+            return cls(path)
+        try:
+            path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            raise ValueError(
+                f"runtime folder: {path} can't be made ({error.strerror}); expected a folder that this user may write in"
+            ) from error
         if (owner := path.stat().st_uid) != os.getuid():
             raise ValueError(f"runtime folder: {path} belongs to user {owner}; expected this user, {os.getuid()}")
         return cls(path)

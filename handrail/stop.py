@@ -28,18 +28,18 @@ def request(stop_socket: Path, text: str, timeout_s: float = 1.0) -> str:
         sender.bind("")  # an abstract address of the kernel's choice (unix(7)): no file to leave behind
         sender.settimeout(timeout_s)
         try:
-            sender.sendto(text.encode(), str(stop_socket))
+            sender.sendto(text.encode(errors="replace"), str(stop_socket))
             return sender.recv(1024).decode(errors="replace")
-        except (FileNotFoundError, ConnectionRefusedError) as error:
-            raise NoAnswer(
-                f"no daemon loop listens at {stop_socket}. Drives that get no commands quick-stop by their own watchdog. "
-                "If the robot's runtime folder is another one, name it with --runtime or HANDRAIL_RUNTIME; "
-                "if the robot moves, use its emergency stop"
-            ) from error
         except TimeoutError as error:
             raise NoAnswer(
                 f"the daemon's loop did not answer at {stop_socket} within {timeout_s:g} s: it hangs. "
                 "Use the robot's emergency stop; then end the loop: its drives quick-stop by their own watchdog"
+            ) from error
+        except OSError as error:
+            raise NoAnswer(
+                f"no daemon loop listens at {stop_socket} ({error.strerror}). Drives that get no commands quick-stop by "
+                "their own watchdog. If the robot's runtime folder is another one, name it with --runtime or HANDRAIL_RUNTIME; "
+                "if the robot moves, use its emergency stop"
             ) from error
 
 
@@ -55,7 +55,7 @@ def leave(stop_socket: Path, text: str) -> bool:
 
 def stop_now(runtime: Runtime, reason: str = "", timeout_s: float = 1.0) -> str:
     """Operator stop: every drive quick-stops within two cycles, latched until cleared. The loop's answer; raises NoAnswer."""
-    reason = " ".join(reason.split()).encode()[:_LONGEST_REASON].decode(errors="ignore")
+    reason = " ".join(reason.split()).encode(errors="replace")[:_LONGEST_REASON].decode(errors="ignore")
     return request(runtime.stop, f"STOP {reason}".rstrip(), timeout_s)
 
 
@@ -78,7 +78,7 @@ def stop(
     Exit status 0: the loop answered; 1: it did not; 2: wrong use.
     """
     try:
-        place = Runtime.at(runtime)
+        place = Runtime.at(runtime, make=False)
     except ValueError as error:
         typer.echo(f"handrail stop: {error}", err=True)
         raise typer.Exit(2) from error

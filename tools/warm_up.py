@@ -23,6 +23,7 @@ def main() -> None:
     from hal.can.hub import Hub
     from hal.can.port import HubPort
     from hal.drives.limb_fd import LimbProtocol
+    from hal.plant import service
     from hal.plant.bus_node import BusNode
     from hal.plant.scene import load
     from hal.plant.world import World
@@ -44,10 +45,8 @@ def main() -> None:
             joined.set()
             serving.join()
             hub.close()
-    world = World(description, load("valve"))
-    BusNode(world)
-    world.advance(2)
-    world.close()
+    service.warm_up(description, load("valve"))
+    BusNode(World(description, load("valve")))
     ManipulationPlanner(description, kinematics)
     print("kernels compiled")
 

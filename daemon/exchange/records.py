@@ -102,7 +102,7 @@ COMMAND = np.dtype(
     [
         ("serial", "u8"),
         ("kind", "u4"),
-        ("owner", "u4"),  # number that the server gives each owner, from 1
+        ("owner", "u4"),  # number that the server gives each owner, never 0
         ("action", "u8"),  # CANCEL, PAUSE, RESUME: serial of the START meant
         ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s
         ("expires_ns", "i8"),
@@ -173,7 +173,7 @@ def snapshot_dtype(joints: int, channels: int) -> np.dtype:
             ("stale_replies", "i8"),
             ("crc_errors", "i8"),
             ("limited", "i8"),  # cycles in which the final limits changed a command
-            ("work_ns", "i8"),  # of the cycle before this one
+            ("work_ns", "i8"),  # of this cycle, until its frames were sent
             ("late_ns", "i8"),
             ("frames_sent", "i8", channels),
             ("frames_received", "i8", channels),
@@ -205,7 +205,7 @@ class StateWriter(Protocol):
 
 
 class CommandReader(Protocol):
-    """The loop's end of the mailbox (daemon.ring.MailboxReader)."""
+    """The loop's end of the mailbox (daemon.mailbox.MailboxReader)."""
 
     def take(self) -> tuple[np.ndarray, NDArray[np.float64]] | None:
         """(header COMMAND shape (1,), payload) of the oldest waiting command, valid until `done`; None when none waits."""

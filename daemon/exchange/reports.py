@@ -68,7 +68,12 @@ def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, st
     """(message, field, value, expectation) of a command that the loop did not accept; `joint` is that of `answer_joint`, or ""."""
     told = {
         Answer.NOT_ENABLED: ("the robot is not enabled: call Enable first", "enabled", "false", "true"),
-        Answer.STOP_LATCHED: ("the operator stop is latched: call ClearStop first", "stopped", "true", "false"),
+        Answer.STOP_LATCHED: (
+            "the operator stop is latched: clear it first (ClearStop, or handrail stop --clear)",
+            "stopped",
+            "true",
+            "false",
+        ),
         Answer.CLAIMED: (f"{joint} is claimed by another running action", "motion.joints", joint, "free joints"),
         Answer.START_OFF: (
             f"the trajectory does not start where the robot is commanded to be: plan again ({joint})",

@@ -28,6 +28,10 @@ class StopSocket:
     """Bound at Runtime.stop; read first in every cycle, never waits."""
 
     def __init__(self, path: Path):
+        """Raises ValueError when another loop listens there: a stop must never miss the loop that moves the robot."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as probe:
+            if probe.connect_ex(str(path)) == 0:
+                raise ValueError(f"another loop listens at {path}: end that one, or use another runtime folder")
         self._path = path
         with contextlib.suppress(FileNotFoundError):
             path.unlink()

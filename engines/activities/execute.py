@@ -31,7 +31,7 @@ def check(services: Services, record: PlanRecord, segments: Sequence[str]) -> No
             raise ActivityFailed(
                 "refused", f"plan {record.plan.id} has no segment {name!r}; expected some of {', '.join(names)}"
             )
-    whole = not segments or segments[0] == names[0]
+    whole = not segments or names[0] in segments
     if why := services.plans.stale(record, start=whole):
         raise ActivityFailed("stale", f"the plan is stale: {why}")
 
@@ -45,21 +45,26 @@ def execute(
     :raises ActivityFailed: `stale`, or what made a motion fail
     """
     check(services, record, segments)
+
+    def still() -> str:
+        why = services.plans.stale(record, start=False)
+        return f"the plan is stale: {why}" if why else ""
+
     turned = 0.0
     record.executing = True
     try:
         for index, segment in enumerate(record.plan.segments):
             if segments and segment.name not in segments:
                 continue
-            if why := services.plans.stale(record, start=False):
-                raise ActivityFailed("stale", f"the plan is stale before {segment.name}: {why}")
-            record.reached, record.ended = index, None
             try:
-                record.ended = motion.run(
-                    segment.motion(record.plan.joints), segment.ends, cancelled, what=segment.name
+                ended = motion.run(
+                    segment.motion(record.plan.joints), segment.ends, cancelled, what=segment.name, still=still
                 )
             except MotionFailed as failed:
+                if failed.started:
+                    record.reached, record.ended = index, None
                 raise ActivityFailed(failed.reason, str(failed)) from failed
+            record.reached, record.ended = index, ended
             turned += note_push(services, record, segment.name, record.ended)
             if record.ended.outcome != "done":
                 break

@@ -31,7 +31,7 @@ class Decoder:
         """Raises ValueError naming the file where cantools can't read it."""
         try:
             database = cantools.database.load_file(os.fspath(dbc))
-        except (OSError, cantools.Error, UnicodeDecodeError) as error:
+        except (OSError, cantools.Error, ValueError) as error:
             raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
         if not isinstance(database, Database):
             raise ValueError(f"{dbc}: a diagnostics database; expected one of CAN messages (DBC)")

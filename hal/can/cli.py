@@ -45,6 +45,7 @@ def dump(
     """Print every frame on the bus, as candump does, and log it if asked. Ctrl-C ends it.
 
     Times are the bus's own: simulated time, where a simulated robot runs it.
+    Exit status 0: ended as asked; 1: there is no bus, it ended, or wrong use.
     """
     try:
         decoder = Decoder(dbc or DBC_FILES["limb_fd"]) if decode or dbc else None
@@ -63,7 +64,11 @@ def dump(
         nonlocal frames
         frames += 1
 
-    logger = can.Logger(log) if log is not None else None
+    try:
+        logger = can.Logger(log) if log is not None else None
+    except OSError as error:
+        bus.shutdown()
+        sys.exit(f"handrail can dump: log file {log}: {error.strerror}; expected a file that this user may write")
     sinks: list[Callable[[can.Message], object]] = [counted]
     if not quiet:
         sinks.append(show)

@@ -49,7 +49,7 @@ class HandrailBus(can.BusABC):
             if isinstance(channel, str)
             else list(channel)
         )
-        folder = Runtime.at(runtime)
+        folder = Runtime.at(runtime, make=False)
         try:
             self._socket, self.channels = wire.join(
                 folder.bus, names, own_frames=receive_own_messages, timeout_s=timeout
@@ -143,7 +143,7 @@ class HandrailBus(can.BusABC):
     @staticmethod
     def _detect_available_configs() -> Sequence[can.typechecking.AutoDetectedConfig]:
         try:
-            connection, channels = wire.join(Runtime.at().bus, timeout_s=0.0)
+            connection, channels = wire.join(Runtime.at(make=False).bus, timeout_s=0.0)
         except (BusLost, ValueError):
             return []
         connection.close()

@@ -21,13 +21,16 @@ from typing import TextIO
 
 from hal.can.hub import Hub
 from hal.can.timing import BusTiming
+from hal.joint import JointCommand
 from hal.plant import scene
 from hal.plant.bus_node import BusNode
 from hal.plant.drive_node import STEP_NS
+from hal.plant.scene import Scene
 from hal.plant.world import World
 from hal.realtime import RealTime, sleep_until
 from handrail.config import ConfigError
-from handrail.robot import description
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 from handrail.topics import Publisher
 
@@ -121,7 +124,7 @@ def main() -> None:
     options = parser.parse_args()
     with _own_stdout() as stdout:
         try:
-            robot = description.load(options.robot)
+            robot = robots.load(options.robot)
             world = World(robot, scene.load(options.scene))
             runtime = Runtime.at(options.runtime)
             channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in robot.channels]
@@ -136,11 +139,17 @@ def main() -> None:
             _run(service, options.clock, stdout)
 
 
-def _run(service: Service, clock: str, stdout: TextIO) -> None:
-    # The first steps compile and allocate: take them before time counts. Nothing moves behind closed brakes.
-    warm = World(service.world.description, service.world.scene)
+def warm_up(description: RobotDescription, objects: Scene) -> None:
+    """Compile and allocate all that a step ever needs, in a world of its own, before time counts."""
+    warm = World(description, objects)
+    warm.drives.command(JointCommand(len(description.joints)))
     warm.advance(4)
+    warm.truth()
     warm.close()
+
+
+def _run(service: Service, clock: str, stdout: TextIO) -> None:
+    warm_up(service.world.description, service.world.scene)
     if clock == "wall":
         for warning in RealTime(priority=_PRIORITY, cpus=_CPUS).warnings:
             print(f"plant: {warning}", file=sys.stderr)

@@ -155,9 +155,10 @@ class Session:
             self._thread.join()
 
     def _do(self, command: Callable[[], None]) -> None:
-        if self._closing:
-            raise Unreachable(f"{self.address}: this client is closed")
-        self._commands.put(command)
+        with self._lock:  # what is put here before `_end` has the lock is still carried out by it
+            if self._closing:
+                raise Unreachable(f"{self.address}: this client is closed")
+            self._commands.put(command)
         self._wake()
 
     def _wake(self) -> None:

@@ -35,7 +35,7 @@ class Task:
 
     @property
     def progress(self) -> Progress | None:
-        """From the program's variables `turned_deg` and `goal_deg` (or `turned`, `goal` in rad)."""
+        """From the program's `turned_deg` and `goal_deg` (or `turned`, `goal` in rad), variables or parameters."""
         if self.run is None:
             return None
         turned, goal = _angle(self.run.data, "turned"), _angle(self.run.data, "goal")
@@ -50,10 +50,12 @@ class Task:
         for name, value in self.run.data.items():
             if name in ("turned", "turned_deg", "goal", "goal_deg"):
                 continue
-            if isinstance(value, int) and not isinstance(value, bool):
-                shown.append((label(name), plain(value)))
-            elif isinstance(value, float) and has_unit(name):
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                continue
+            if has_unit(name):
                 shown.append(quantity(name, value))
+            elif isinstance(value, int):
+                shown.append((label(name), plain(value)))
         return shown
 
     def why_not(self, command: str) -> str:

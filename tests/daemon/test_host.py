@@ -19,7 +19,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from daemon.host import Clock, UsageError, children, sole_service, up
+from daemon import exchange
+from daemon.host import Clock, UsageError, children, drop_leftovers, sole_service, up
+from daemon.mailbox import MailboxReader
+from daemon.ring import StateRingWriter
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
@@ -132,6 +135,53 @@ with sole_service(Runtime.at({str(runtime.folder)!r})):
     process.wait()
     with sole_service(runtime):
         pass
+
+
+def test_a_folder_that_cannot_be_used_is_one_line_that_names_it(runtime: Runtime) -> None:
+    file = runtime.folder / "file"
+    file.touch()
+    result = CliRunner().invoke(cli, ["talos_upper", "--scene", "valve", "--runtime", str(file)])
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"handrail up: runtime folder: {file} can't be made")
+    (runtime.folder / "up.lock").mkdir()
+    with pytest.raises(UsageError, match="this user may write in"), sole_service(runtime):
+        pass
+
+
+def test_what_another_robot_left_in_the_folder_goes_and_what_this_one_left_stays(
+    talos: RobotDescription, runtime: Runtime
+) -> None:
+    ours = exchange.snapshot_dtype(len(talos.joints), len(talos.channels))
+    StateRingWriter(runtime.state_ring, ours)
+    MailboxReader(runtime.mailbox, exchange.COMMAND)
+    drop_leftovers(runtime, talos)
+    assert runtime.state_ring.exists()
+    assert runtime.mailbox.exists()
+    StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(3, 1))
+    runtime.mailbox.write_bytes(b"")
+    drop_leftovers(runtime, talos)
+    assert not runtime.state_ring.exists()
+    assert not runtime.mailbox.exists()
+    drop_leftovers(runtime, talos)
+
+
+def test_the_service_goes_on_when_nobody_reads_its_log_any_more(runtime: Runtime) -> None:
+    process = subprocess.Popen([sys.executable, "-c", SERVICE, str(runtime.folder)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    while "Ctrl-C" not in process.stdout.readline():
+        pass
+    process.stdout.close()
+    os.kill(_children_of(process.pid)["loop"], signal.SIGKILL)
+    deadline = time.monotonic() + 20
+    while json.loads((runtime.folder / "health.json").read_text()) != {"plant": "up", "loop": "up (died once)"}:
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.02)
+    children = _children_of(process.pid).values()
+    process.send_signal(signal.SIGHUP)  # as a terminal that is closed sends it
+    process.wait(timeout=20)
+    assert not (runtime.folder / "health.json").exists(), "it ended in order"
+    assert not any(os.path.exists(f"/proc/{child}") for child in children)
 
 
 SERVICE = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
 import tempfile
@@ -113,6 +114,22 @@ def test_a_reason_of_many_lines_and_letters_becomes_one_short_line(runtime: Runt
     assert "\n" not in received[0]
     assert len(received[0].encode()) <= len("STOP ") + 200
     assert clear_stop(runtime) == "cleared"
+
+
+def test_a_reason_that_is_no_text_stops_all_the_same(runtime: Runtime, loop: Callable) -> None:
+    received = loop({"STOP": "stopped"})
+    assert stop_now(runtime, os.fsdecode(b"caf\xe9")) == "stopped"
+    assert received == ["STOP caf?"]
+
+
+def test_looking_for_a_robot_in_a_wrong_place_makes_no_folder_and_is_told(tmp_path: Path) -> None:
+    short = Path(tempfile.gettempdir()) / f"hr-none-{os.getpid()}"
+    (tmp_path / "file").touch()
+    for wrong in (short, tmp_path / "file"):
+        result = CliRunner().invoke(cli, ["--runtime", str(wrong)])
+        assert result.exit_code == 1
+        assert "no daemon loop listens" in result.stderr
+    assert not short.exists()
 
 
 def test_a_runtime_folder_with_too_long_a_name_is_wrong_use(tmp_path: Path) -> None:

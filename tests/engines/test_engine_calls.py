@@ -62,6 +62,19 @@ def test_a_plan_can_be_executed_segment_by_segment(stack, daemon, wait_until):
     assert stack.call(m.GetInstances()).instances[0].joint_state["hinge"] == pytest.approx(daemon.wheel, abs=1e-6)
 
 
+def test_a_plan_is_executed_once(stack, daemon, wait_until):
+    stack.place()
+    plan = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
+    stack.call(m.ExecutePlan(id=plan.id))
+    stack.wait(lambda e: isinstance(e, m.LogLine) and "done after withdraw" in e.text)
+    wait_until(lambda: not stack.engine._job.active)
+    daemon.command[:2] = plan.segments[0].positions[0]
+    wait_until(lambda: stack.engine._services.daemon.command()[1] == daemon.command[1])
+    assert "executed already" in stack.call(m.GetEngine()).plans[0].stale_because
+    assert "executed already" in stack.refusal(m.ExecutePlan(id=plan.id)).message
+    assert "executed already" in stack.refusal(m.ExecutePlan(id=plan.id, segments=["turn", "approach"])).message
+
+
 def test_unknown_segments_plans_instances_arms_and_trajectories_are_refused_naming_what_there_is(stack):
     stack.place()
     plan = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
@@ -106,6 +119,7 @@ def test_a_late_client_gets_instances_plans_the_run_and_open_prompts(stack):
     assert stack.call(m.GetEngine()).run is None
     stack.run()
     prompt = stack.prompt()
+    stack.wait(lambda e: isinstance(e, m.RunState) and e.active == ["confirming"])
     picture = stack.call(m.GetEngine())
     assert [each.name for each in picture.instances] == ["wheel_1"]
     assert [each.id for each in picture.plans] == [prompt.plan]
@@ -174,6 +188,28 @@ def test_the_library_is_listed_with_hashes(stack):
     deployed = stack.call(m.Deploy(program="turn_valve", bindings={"arm": "right", "valve": "wheel_1"}))
     assert deployed.hash == program.hash
     assert entries["template", "wheel"].title == "Wheel valve"
+
+
+def test_only_programs_of_the_library_are_deployed(stack, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("title: Mine\n")
+    for name in (str(file), "../rtc_programs/turn_valve.yaml", "\0.yaml"):
+        refusal = stack.refusal(m.Deploy(program=name, bindings={}))
+        assert "no such program; expected one of turn_valve" in refusal.expected
+
+
+def test_a_defect_that_a_call_finds_ends_neither_the_engine_nor_the_run(stack, monkeypatch):
+    stack.place()
+    stack.run()
+
+    def crash(*_):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(stack.engine._services.affordances, "_save", crash)
+    refusal = stack.refusal(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
+    assert "No space left on device" in refusal.message
+    assert stack.call(m.GetInstances()).instances[0].version == 1, "nothing has changed"
+    assert stack.call(m.GetEngine()).run.status == "running"
 
 
 def test_a_malformed_call_changes_nothing_and_is_answered(stack):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
 from engines import cli
-from handrail.messages import AnswerPrompt, Deploy, Run, StopRun
+from handrail.messages import AnswerPrompt, Deploy, GetEngine, Run, StopRun
 from handrail.topics import Subscriber
 
 runner = CliRunner()
@@ -33,6 +34,9 @@ class LocalClient:
     def answer(self, prompt, answer, by):
         self._call(AnswerPrompt(id=prompt, answer=answer, by=by))
 
+    def snapshot(self):
+        return self._stack.call(GetEngine())
+
     def stop_run(self):
         self._call(StopRun())
 
@@ -42,9 +46,13 @@ class LocalClient:
         for kind in kinds[1:]:
             union = union | kind
         subscriber = Subscriber(self._stack.runtime.endpoint("engine.events"), union)
-        self._stack.engine._log("info", "warm up")
-        assert subscriber.receive(5) is not None or True
-        yield iter(lambda: subscriber.receive(10), None)
+        for _ in range(100):
+            self._stack.engine._log("info", "warm up")
+            if subscriber.receive(0.05):
+                break
+        else:
+            raise AssertionError("nothing is heard of the engine")
+        yield SimpleNamespace(next=subscriber.receive)
         subscriber.close()
 
 
@@ -87,6 +95,7 @@ def test_run_with_yes_follows_the_program_to_success(stack, client):
     assert result.exit_code == 0, result.output
     assert "succeeded: turned" in result.output and "turning / stroking" in result.output
     assert client.calls[0].parameters == {"goal_deg": 30}
+    assert "turned_deg" in result.output and "max_strokes" not in result.output, "what does not change is left out"
 
 
 def test_run_that_fails_exits_with_1_and_the_detail(stack, client, planner):
@@ -95,6 +104,27 @@ def test_run_that_fails_exits_with_1_and_the_detail(stack, client, planner):
     result = runner.invoke(cli.app, ["run", "turn_valve", "--bind", "arm=right", "--bind", "valve=wheel_1", "--yes"])
     assert result.exit_code == 1
     assert "elbow limit" in result.output
+
+
+def test_a_prompt_that_nobody_can_answer_stops_the_run(stack, client):
+    stack.place()
+    words = ["run", "turn_valve", "--bind", "arm=right", "--bind", "valve=wheel_1"]
+    result = runner.invoke(cli.app, words, input="")
+    assert result.exit_code == 130, result.output
+    assert isinstance(client.calls[-1], StopRun)
+    assert stack.ended().status == "stopped"
+
+
+def test_a_run_that_the_engine_no_longer_knows_is_over(stack, client, planner, monkeypatch):
+    monkeypatch.setattr(cli, "_SILENT_S", 0.1)
+    planner.pace.clear()
+    stack.place()
+    client.snapshot = lambda: SimpleNamespace(run=None)
+    words = ["run", "turn_valve", "--bind", "arm=right", "--bind", "valve=wheel_1", "--yes"]
+    result = runner.invoke(cli.app, words)
+    planner.pace.set()
+    assert result.exit_code == 1
+    assert "started anew" in result.output
 
 
 def test_run_that_is_refused_exits_with_1_and_says_what_is_expected(client):

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from engines.daemon_client import DaemonClient
+from engines.motion import Motion
 from handrail import messages as m
+from handrail.topics import Publisher, Unreachable
+
+ELSEWHERE = m.Pose(position=(0.5, -0.3, 0.3))
 
 
 def begin(stack, daemon, wait_until, **parameters):
@@ -126,3 +137,133 @@ def test_the_engine_stays_answering_while_a_plan_is_computed(stack, planner, wai
 
 def test_the_engine_checks_in_while_it_lives(stack, daemon, wait_until):
     wait_until(lambda: any(isinstance(call, m.CheckIn) and call.owner == "engine" for call in daemon.calls))
+
+
+def test_what_was_moved_during_a_pause_is_not_started_afterwards(stack, daemon, wait_until):
+    stack.place()
+    stack.run(goal_deg=10)
+    first = stack.prompt()
+    stack.call(m.PauseRun())
+    stack.call(m.AnswerPrompt(id=first.id, answer="approve"))
+    stack.wait(lambda e: isinstance(e, m.RunState) and e.active[-1:] == ["stroking"])
+    wait_until(lambda: stack.engine._run._chart.active() == ["turning", "stroking"])
+    time.sleep(0.1)  # its activity has found the plan fresh by now, and waits for the pause to end
+    stack.call(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
+    stack.call(m.ResumeRun())
+    assert stack.prompt(2).plan == "plan-2"
+    assert not daemon.started()
+
+
+def test_a_motion_whose_instance_was_moved_during_a_pause_is_not_resumed(stack, daemon, wait_until):
+    action = begin(stack, daemon, wait_until)
+    stack.call(m.PauseRun())
+    stack.call(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
+    stack.call(m.ResumeRun())
+    assert not any(isinstance(call, m.ResumeAction) for call in daemon.calls)
+    assert [call.id for call in daemon.calls if isinstance(call, m.CancelAction)] == [action.id]
+    assert stack.prompt(2).plan == "plan-2"
+    assert len(daemon.started()) == 1
+
+
+def test_a_stopped_run_has_ended_only_when_its_motion_has(stack, daemon, wait_until):
+    begin(stack, daemon, wait_until)
+    action = daemon.action
+    daemon._ended, ended = lambda outcome, share: None, daemon._ended
+    stack.call(m.StopRun())
+    wait_until(lambda: any(isinstance(call, m.CancelAction) for call in daemon.calls))
+    deployed = stack.call(m.Deploy(program="turn_valve", bindings={"arm": "left", "valve": "wheel_1"}))
+    time.sleep(0.3)
+    assert daemon.action is action and stack.call(m.GetEngine()).run.status == "running"
+    assert "busy" in stack.refusal(m.Run(deployment=deployed.id)).message
+    for call in (m.PauseRun(), m.ResumeRun()):
+        assert "being stopped" in stack.refusal(call).message
+    daemon._todo.append(lambda: ended("cancelled", 0.5))
+    assert stack.ended().status == "stopped"
+
+
+def test_a_crash_before_the_first_state_fails_the_run(stack, monkeypatch):
+    def crash(chart):
+        raise RuntimeError("no machine")
+
+    monkeypatch.setattr("engines.statechart.Chart.begin", crash)
+    stack.place()
+    stack.run()
+    ended = stack.ended()
+    assert ended.status == "failed" and "no machine" in ended.detail
+
+
+def test_the_runs_data_are_its_parameters_and_its_variables(stack):
+    stack.place()
+    data = stack.run(goal_deg=120).data
+    assert (data["goal_deg"], data["max_strokes"]) == (120, 10)
+    assert (data["turned_deg"], data["stroke"]) == (0.0, 0)
+
+
+class Mute:
+    """A daemon that answers nothing but the start of a motion, which never ends."""
+
+    def __init__(self):
+        self.calls, self.answers = [], True
+
+    def call(self, message):
+        self.calls.append(message)
+        if not self.answers:
+            raise Unreachable("no answer")
+
+    def watch(self, action):
+        return DaemonClient.watch(self, action)
+
+    def __getattr__(self, name):
+        return {"_lock": threading.Lock(), "_watches": {}, "forget": lambda watch: None, "alive": lambda: True}[name]
+
+    def running_action(self):
+        return next(call.id for call in self.calls if isinstance(call, m.StartAction))
+
+
+def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_again():
+    daemon, cancelled = Mute(), threading.Event()
+    motion = Motion(daemon)  # type: ignore[arg-type]
+    trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
+    threading.Thread(target=motion.run, args=(trajectory, (), cancelled), daemon=True).start()
+    while not motion._action:
+        time.sleep(0.005)
+    daemon.answers = False
+    with pytest.raises(Unreachable):
+        motion.pause()
+    assert not motion.paused
+    cancelled.set()
+    with pytest.raises(Unreachable):
+        motion.interrupt()
+    assert not motion.settled(0.05)
+    deadline = time.monotonic() + 5
+    while sum(isinstance(call, m.CancelAction) for call in daemon.calls) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_loop_that_was_started_anew_is_believed_though_it_counts_its_cycles_from_the_start(runtime, wait_until):
+    def state(time_s, cycle, at):
+        return m.RobotState(
+            time_ns=round(time_s * 1e9), cycle=cycle, position=[at], velocity=[0], torque=[0], command=[at]
+        )
+
+    publisher = Publisher(runtime.endpoint("daemon.events"))
+    client = DaemonClient(runtime, 1)
+
+    def hears(message, command):
+        def heard():
+            publisher.send(message)
+            time.sleep(0.005)
+            return client.command() is not None and np.array_equal(client.command(), [command])
+
+        wait_until(heard)
+
+    hears(state(100.0, 50_000, 0.1), 0.1)
+    hears(state(102.0, 3, 0.2), 0.2)
+    for message in (state(101.5, 2, 0.3), state(102.002, 4, 0.4)):  # late, then in time
+        publisher.send(message)
+    wait_until(lambda: client.time_ns == 102_002_000_000)
+    assert client.command() == [0.4]
+    hears(state(0.5, 250, 0.5), 0.5)  # the plant, whose clock it is, was started anew
+    client.close()
+    publisher.close()

@@ -43,6 +43,16 @@ def test_later_strokes_keep_the_arc_that_the_first_one_chose_and_start_from_wher
     assert planner.asked[1]["instance"].joint_state["hinge"] > 0.1
 
 
+def test_a_plan_is_shown_when_it_is_made_and_again_only_when_its_freshness_changes(stack):
+    stack.place()
+    stack.run(goal_deg=285)
+    approve(stack)
+    assert stack.ended().data["stroke"] >= 3
+    told = [(e.id, e.fresh) for e in stack.events if isinstance(e, m.PlanPreview)]
+    assert len(told) == len(set(told)), told
+    assert all((f"plan-{number}", True) in told for number in (1, 2, 3))
+
+
 def test_a_tripped_guard_backs_out_and_reaches_in_further_around(stack, planner, daemon):
     tripped = []
 

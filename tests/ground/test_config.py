@@ -52,6 +52,12 @@ def test_a_wrong_value_is_shown(tmp_path):
         config.read(written(tmp_path, "name: hall\nwheels:\n  - radius: wide\n")).convert(Scene)
 
 
+@pytest.mark.parametrize("text", ["a: \x01b\n", "[" * 1000])
+def test_what_is_no_yaml_at_all_is_refused(tmp_path, text):
+    with pytest.raises(config.ConfigError, match=r"scene\.yaml: not "):
+        config.read(written(tmp_path, text))
+
+
 def test_a_missing_file_is_said_to_be_missing(tmp_path):
     with pytest.raises(config.ConfigError, match="no such file"):
         config.read(tmp_path / "nowhere.yaml")

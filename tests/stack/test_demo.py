@@ -1,6 +1,7 @@
 """The demo as a user runs it: the valve really turns, and what it leaves behind can be opened."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -11,7 +12,7 @@ from PIL import Image
 pytestmark = [pytest.mark.stack]
 
 
-def demo(folder, *arguments: str, timeout_s: float) -> tuple[int, list[dict], str]:
+def demo(folder, *arguments: str, timeout_s: float, **environment: str) -> tuple[int, list[dict], str]:
     done = subprocess.run(
         [
             *(sys.executable, "-m", "handrail.cli", "demo", *arguments),
@@ -21,6 +22,7 @@ def demo(folder, *arguments: str, timeout_s: float) -> tuple[int, list[dict], st
         text=True,
         timeout=timeout_s,
         check=False,
+        env={**os.environ, **environment},
     )
     rows = json.loads((folder / "rows.json").read_text()) if (folder / "rows.json").exists() else []
     return done.returncode, rows, done.stdout + done.stderr
@@ -59,3 +61,13 @@ def test_the_valve_turns_on_the_wall_clock_and_leaves_a_recording_pictures_and_a
         }
     assert sum("joint" in topic for topic in counts), counts
     assert max(counts.values()) > 1000
+
+
+@pytest.mark.timeout(300)
+def test_nothing_is_compiled_in_mid_motion_on_a_machine_where_nothing_is_compiled_yet(tmp_path):
+    """A kernel compiled while the robot moves would hold the loop up until the drives' watchdogs trip."""
+    status, rows, text = demo(tmp_path, "--seed", "0", timeout_s=280, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
+    assert status == 0, text
+    assert rows[0]["drive_faults"] == 0
+    compiled = list((tmp_path / "kernels").rglob("*.nbi"))
+    assert len(compiled) > 20, "the kernels were compiled anew"

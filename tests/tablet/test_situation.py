@@ -206,10 +206,12 @@ def test_a_removed_instance_is_gone(situation, robot):
 
 def test_progress_is_read_from_the_programs_variables(situation, robot):
     situation.take(
-        robot.running(data={"turned_deg": 142.5, "goal_deg": 285.0, "stroke": 2, "arc": -0.1, "lag_m": 0.012})
+        robot.running(
+            data={"turned_deg": 142.5, "goal_deg": 285.0, "stroke": 2, "arc": -0.1, "lag_m": 0.012, "shift_deg": 12}
+        )
     )
     assert situation.task.progress.turned_deg == 142.5 and situation.task.progress.goal_deg == 285.0
-    assert situation.task.facts == [("Stroke", "2"), ("Lag", "12 mm")]
+    assert situation.task.facts == [("Stroke", "2"), ("Lag", "12 mm"), ("Shift", "12°")]
     situation.take(robot.running(data={}))
     assert situation.task.progress is None
 

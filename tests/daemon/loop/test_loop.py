@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
+from daemon.safety.stop_socket import StopSocket
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
 from handrail.stop import clear_stop, stop_now
@@ -91,6 +92,40 @@ def test_the_operator_stop_reaches_the_drives_within_two_cycles_and_latches(benc
     assert bench.start(bench.move("arm_right_1_joint", 0.1)) is Answer.NOT_ENABLED
     bench.enable()
     assert bench.snapshot()["flags"] == Flag.ENABLED
+
+
+@pytest.mark.parametrize("cycles", range(6))
+def test_a_stop_while_the_robot_is_being_enabled_leaves_no_drive_in_operation(bench, cycles: int) -> None:
+    bench.run(3)
+    bench.post(Kind.ENABLE)
+    bench.run(cycles)
+    tell_stop_socket(bench, b"STOP")
+    bench.run(2)
+    for _ in range(50):
+        assert not (bench.drives.life == State.OPERATION_ENABLED).any()
+        assert bench.run()["flags"] == Flag.STOPPED
+
+
+def test_a_stop_in_the_cycle_in_which_an_action_would_end_is_a_stop_and_holds_no_time(bench) -> None:
+    bench.enable()
+    bench.start(bench.move("arm_right_1_joint", 0.1, 0.1), owner=7, hold_after_s=20.0)
+    action = bench.loop.actions.slots[0]
+    while not action.controller.done:
+        bench.run()
+    tell_stop_socket(bench, b"STOP")
+    bench.run()
+    assert bench.action() == (ActionState.ENDED, Outcome.STOPPED)
+    assert bench.loop.holds.active() == []
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+
+
+def test_a_stop_reaches_the_drives_that_listen_while_others_are_silent(bench) -> None:
+    bench.enable()
+    bench.drives.silent[3] = True
+    bench.run(LOST_AFTER // 2)
+    tell_stop_socket(bench, b"STOP")
+    bench.run(2)
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
 
 
 def test_whoever_stops_is_told_so(bench) -> None:
@@ -213,6 +248,27 @@ def test_a_hold_ends_by_itself_and_by_a_stop(bench) -> None:
     assert bench.ask(Kind.HOLD_TIME, owner=3, value=60.0) is Answer.ACCEPTED
     tell_stop_socket(bench, b"STOP")
     bench.loop.wait_while_held()
+    bench.run(2)
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+
+
+def test_a_hold_asked_for_in_the_moment_of_a_stop_does_not_come_between_it_and_the_drives(bench) -> None:
+    bench.enable()
+    assert bench.ask(Kind.HOLD_TIME, owner=3, value=60.0) is Answer.ACCEPTED
+    bench.post(Kind.HOLD_TIME, owner=4, value=60.0)
+    tell_stop_socket(bench, b"STOP")
+    began = time.monotonic()
+    bench.loop.wait_while_held()
+    assert time.monotonic() - began < 5
+    bench.run(2)
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+
+
+def test_a_second_loop_in_the_same_folder_is_refused_and_the_first_still_stops(bench) -> None:
+    bench.enable()
+    with pytest.raises(ValueError, match="another loop listens"):
+        StopSocket(bench.runtime.stop)
+    tell_stop_socket(bench, b"STOP")
     bench.run(2)
     assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
 

@@ -147,6 +147,22 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return pin.Quaternion(rotation).coeffs()
 
 
+def test_a_switch_begun_in_the_cycle_of_a_stop_leaves_no_mark_on_the_next_enabling(bench) -> None:
+    bench.enable()
+    gravity = bench.drives.seen[0].torque.copy()
+    assert np.abs(gravity).max() > 1.0
+    manager = bench.loop.manager
+    manager.switch([], [trajectory(bench, list(range(len(manager.claims))))], bench.loop.written)
+    bench.loop.life.stop("in the same cycle")
+    bench.run(5)
+    bench.loop.life.clear_stop()
+    before = len(bench.drives.seen)
+    bench.enable()
+    assert np.abs(bench.drives.seen[before].torque - gravity).max() < 0.1, (
+        "the arm is carried from the first command on"
+    )
+
+
 def test_disabling_takes_every_claim_away(bench) -> None:
     bench.enable()
     bench.start(bench.move("arm_right_1_joint", 0.1), (DivergenceEnd(error=0.3),))

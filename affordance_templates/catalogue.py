@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from affordance_templates import template_file
 from affordance_templates.template_file import Template
+from handrail import workspace
 from handrail.config import ConfigError
-
-
-def search_path() -> list[Path]:
-    """Folders with templates (NAME.yaml), the first to have a name wins."""
-    workspace = os.environ.get("HANDRAIL_WORKSPACE")
-    own = [Path(workspace) / "affordance_templates"] if workspace else []
-    return [*own, Path(__file__).parent / "library"]
 
 
 def files() -> dict[str, Path]:
     """Every template's name and file."""
-    found: dict[str, Path] = {}
-    for folder in search_path():
-        for file in sorted(folder.glob("*.yaml")):
-            found.setdefault(file.stem, file)
-    return found
+    return workspace.files(workspace.search_path("affordance_templates", "affordance_templates", "library"))
 
 
 def load(name: str) -> Template:

@@ -88,7 +88,7 @@ def _checked_scene(scene: str | None) -> str:
     from hal.plant import scene as scenes  # only a simulated robot needs what it imports
 
     if scene is None:
-        known = sorted({file.stem for folder in scenes.search_path() for file in folder.glob("*.yaml")})
+        known = sorted(scenes.library())
         raise UsageError(f"--scene is missing: this robot is simulated; expected one of {', '.join(known)}, or a file")
     scenes.load(scene)
     return scene

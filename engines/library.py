@@ -2,37 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
-import os
 from pathlib import Path
 
 from affordance_templates import catalogue
 from affordance_templates.template_file import read as read_template
 from engines import program
 from engines.program import Program
+from handrail import workspace
 from handrail.config import ConfigError
 from handrail.messages import Library, LibraryEntry
 
 
-def search_path() -> list[Path]:
-    """Folders with programs (NAME.yaml), the first to have a name wins."""
-    folders = []
-    if workspace := os.environ.get("HANDRAIL_WORKSPACE"):
-        folders.append(Path(workspace) / "rtc_programs")
-    # By name only: the engines know where the library lies, not what is in it.
-    built_in = importlib.util.find_spec("rtc_programs")
-    if built_in is not None and built_in.submodule_search_locations:
-        folders.append(Path(built_in.submodule_search_locations[0]))
-    return folders
-
-
 def files() -> dict[str, Path]:
     """Every program's name and file."""
-    found: dict[str, Path] = {}
-    for folder in search_path():
-        for file in sorted(folder.glob("*.yaml")):
-            found.setdefault(file.stem, file)
-    return found
+    return workspace.files(workspace.search_path("rtc_programs", "rtc_programs"))
 
 
 def load(name_or_file: str) -> Program:

@@ -15,7 +15,6 @@ degrees) or ``orientation`` (unit quaternion x, y, z, w). The world is the robot
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import os
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ import msgspec
 import numpy as np
 
 from hal.plant.merge import rotation_from_rpy
-from handrail import config
+from handrail import config, workspace
 from handrail.messages import Pose
 
 Friction = Annotated[float, msgspec.Meta(ge=0, le=2)]
@@ -95,26 +94,21 @@ EMPTY = Scene(Path(), {}, {})
 """No objects: the robot alone."""
 
 
-def search_path() -> list[Path]:
-    """Where scenes are looked for: the user's workspace first, then the built-in library."""
-    folders = []
-    if workspace := os.environ.get("HANDRAIL_WORKSPACE"):
-        folders.append(Path(workspace) / "scenes")
-    library = importlib.util.find_spec("rtc_programs")  # by name only: where data lies, not what the programs do
-    if library is not None and library.submodule_search_locations:
-        folders.append(Path(library.submodule_search_locations[0]) / "scenes")
-    return folders
+def library() -> dict[str, Path]:
+    """Name → file of the scenes that there are."""
+    return workspace.files(workspace.search_path("scenes", "rtc_programs", "scenes"))
 
 
 def find(name_or_file: str | os.PathLike[str]) -> Path:
     """The scene's file. Raises config.ConfigError naming what there is."""
     given = Path(name_or_file)
-    for candidate in (given, *(folder / f"{name_or_file}.yaml" for folder in search_path())):
-        if candidate.is_file():
-            return candidate
-    known = sorted({file.stem for folder in search_path() for file in folder.glob("*.yaml")})
+    if given.is_file():
+        return given
+    known = library()
+    if str(name_or_file) in known:
+        return known[str(name_or_file)]
     raise config.ConfigError(
-        str(name_or_file), None, "scene", f"no such scene; expected one of {', '.join(known)}, or a YAML file"
+        str(name_or_file), None, "scene", f"no such scene; expected one of {', '.join(sorted(known))}, or a YAML file"
     )
 
 

@@ -7,7 +7,6 @@ Needs no kinematics library: the tablet reads it too. Every array has one row a 
 from __future__ import annotations
 
 import fnmatch
-import importlib.util
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ from typing import Annotated, overload
 import msgspec
 import numpy as np
 
-from handrail import config
+from handrail import config, workspace
 from handrail.robot import urdf
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -138,27 +137,15 @@ class RobotDescription:
         return np.array([self.home[name][joint] for joint in self.joints])
 
 
-def search_path() -> list[Path]:
-    """Where robots are looked for: the user's workspace first, then the built-in folder."""
-    folders = []
-    if workspace := os.environ.get("HANDRAIL_WORKSPACE"):
-        folders.append(Path(workspace) / "robots")
-    built_in = importlib.util.find_spec(
-        "hal"
-    )  # by name only: the ground floor knows where data lies, not what hal does
-    if built_in is not None and built_in.submodule_search_locations:
-        folders.append(Path(built_in.submodule_search_locations[0]) / "robots")
-    return folders
-
-
 def find(name_or_folder: str | os.PathLike[str]) -> Path:
     """The robot's file. Raises config.ConfigError naming what there is."""
     given = Path(name_or_folder)
-    candidates = [given / "robot.yaml", *(folder / given / "robot.yaml" for folder in search_path())]
+    folders = workspace.search_path("robots", "hal", "robots")
+    candidates = [given / "robot.yaml", *(folder / given / "robot.yaml" for folder in folders)]
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    known = sorted({file.parent.name for folder in search_path() for file in folder.glob("*/robot.yaml")})
+    known = sorted({file.parent.name for folder in folders for file in folder.glob("*/robot.yaml")})
     raise config.ConfigError(
         str(name_or_folder),
         None,

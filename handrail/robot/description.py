@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, overload
+from typing import Annotated, Literal, overload
 
 import msgspec
 import numpy as np
@@ -21,6 +21,7 @@ from handrail import config, workspace
 from handrail.robot import urdf
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 
 class Channel(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
@@ -36,11 +37,84 @@ class _LimbFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     name: str
     channel: str
     joints: Annotated[list[str], msgspec.Meta(min_length=1, max_length=7)]
+    family: str = "limb_fd"
+    answer: Literal["drives", "master"] = "drives"
+
+
+class _DeviceFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    name: str
+    family: str
+    channel: str
+    link: str = ""
+    joint: str = ""
 
 
 class _Network(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     channels: Annotated[list[Channel], msgspec.Meta(min_length=1)]
     limbs: Annotated[list[_LimbFile], msgspec.Meta(min_length=1, max_length=8)]
+    devices: Annotated[list[_DeviceFile], msgspec.Meta(max_length=32)] = []
+
+
+class Actuator(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """What is known of one joint's actuator; what is left out follows from its rated torque (hal.plant.actuator)."""
+
+    spring_stiffness: Positive | None = None
+    """N·m/rad, at the joint"""
+    rotor_inertia: Positive | None = None
+    """kg·m², behind the gear"""
+    rotor_damping: Positive | None = None
+    """N·m·s/rad, behind the gear"""
+    gear_ratio: Positive | None = None
+    torque_constant: Positive | None = None
+    """N·m/A, of the motor"""
+    current_limit: Positive | None = None
+    """A"""
+    friction: NonNegative = 0.0
+    """N·m, Coulomb friction at the joint, after the spring"""
+    backlash: NonNegative = 0.0
+    """rad, of the gear, seen at the joint"""
+    encoder_bits: Annotated[int, msgspec.Meta(ge=8, le=32)] = 19
+    """a turn of the joint"""
+    encoder_noise: NonNegative = 0.0
+    """rad, standard deviation"""
+    encoder_offset: float = 0.0
+    """rad by which the uncalibrated encoder reads too much"""
+
+
+class ParallelPair(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """Two linear actuators side by side that together move pitch and roll (Radford et al. 2015, §2.2: ankles, waist, wrists).
+
+    Each rod runs from a universal joint on the fixed side to a ball joint on the moving side. Positions are m, in a frame at
+    the crossing of the two axes, x forward, y left, z up, with both joints at zero.
+    """
+
+    name: str
+    pitch: str
+    """joint about y"""
+    roll: str
+    """joint about x"""
+    fixed_ends: tuple[tuple[float, float, float], tuple[float, float, float]]
+    """m, of the left and the right rod"""
+    moving_ends: tuple[tuple[float, float, float], tuple[float, float, float]]
+    """m, of the left and the right rod"""
+
+
+class Camera(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """A depth camera, looking along its link's +x with z up (REP 103's body axes) unless `optical`, then +z with y down."""
+
+    name: str
+    link: str
+    optical: bool = False
+    width: Annotated[int, msgspec.Meta(ge=16, le=1280)] = 320
+    height: Annotated[int, msgspec.Meta(ge=16, le=1024)] = 240
+    rate: Positive = 2.0
+    """Hz"""
+    field_of_view: Annotated[float, msgspec.Meta(gt=0.1, lt=3.0)] = 1.02
+    """rad, across the width"""
+    near: Positive = 0.1
+    """m"""
+    far: Positive = 4.0
+    """m"""
 
 
 class _ArmFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -66,6 +140,10 @@ class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     control: _Control
     allowed_collision_pairs: list[tuple[str, str]] = []
     home: dict[str, dict[str, float]]
+    base: Literal["fixed", "free"] = "fixed"
+    actuators: dict[str, Actuator] = {}
+    parallel_pairs: list[ParallelPair] = []
+    cameras: list[Camera] = []
 
 
 @dataclass(frozen=True)
@@ -76,6 +154,35 @@ class Limb:
     index: int
     channel: str
     joints: tuple[str, ...]
+    family: str = "limb_fd"
+    """drive family: a folder of hal/drives"""
+    answer: Literal["drives", "master"] = "drives"
+    """who answers a command: each drive with a frame of its own, or the limb's master for all its axes in one"""
+
+
+@dataclass(frozen=True)
+class Device:
+    """A node of the network that is no joint: its `index` counts the devices of its family, as their identifiers do."""
+
+    name: str
+    family: str
+    """imu, force_torque, gripper, power, or any other folder of hal/drives that describes devices"""
+    index: int
+    channel: str
+    link: str
+    """imu, force_torque: the URDF link whose frame it measures in"""
+    joint: str
+    """gripper: the joint that its one drive moves; others mimic it"""
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint without a drive: its position is multiplier × the position of `joint` + offset (URDF's <mimic>)."""
+
+    joint: str
+    multiplier: float
+    offset: float
+    """rad or m"""
 
 
 @dataclass(frozen=True)
@@ -120,6 +227,17 @@ class RobotDescription:
     period_ns: int
     watchdog_cycles: int
     allowed_collision_pairs: tuple[tuple[str, str], ...]
+    base: Literal["fixed", "free"]
+    devices: tuple[Device, ...]
+    """in the order of robot.yaml"""
+    mimics: dict[str, Mimic]
+    """joint → what it follows"""
+    device_limits: dict[str, tuple[float, float, float, float]]
+    """joint moved by a gripper → lower, upper (rad or m), velocity (/s), effort (N·m or N)"""
+    actuators: tuple[Actuator, ...]
+    """one a joint"""
+    parallel_pairs: tuple[ParallelPair, ...]
+    cameras: tuple[Camera, ...]
 
     @overload
     def index(self, joints: str) -> int: ...
@@ -170,17 +288,24 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
                 f"network.limbs[{number}].channel",
                 f"got {limb.channel!r}; expected one of {', '.join(sorted(channels))}",
             )
-        limbs.append(Limb(limb.name, number, limb.channel, tuple(limb.joints)))
+        limbs.append(Limb(limb.name, number, limb.channel, tuple(limb.joints), limb.family, limb.answer))
     joints = tuple(joint for limb in limbs for joint in limb.joints)
-    limits = _limits(assembled)
+    tree = ET.parse(assembled).getroot()
+    limits, mimics = _limits(tree), _mimics(tree)
+    devices = _devices(document, file, tree, channels, mimics)
+    undriven = set(mimics) | {device.joint for device in devices}
     for carrier in limbs:
         for joint in carrier.joints:
             if joint not in limits:
                 raise document.error(f"network.limbs[{carrier.index}].joints", f"no moving joint {joint!r} in the URDF")
+            if joint in undriven:
+                raise document.error(
+                    f"network.limbs[{carrier.index}].joints", f"{joint} has no drive of its own: a gripper moves it"
+                )
     if len(set(joints)) != len(joints):
         double = next(joint for joint in joints if joints.count(joint) > 1)
         raise document.error("network.limbs", f"joint {double} is on two limbs")
-    if missing := set(limits) - set(joints):
+    if missing := set(limits) - set(joints) - undriven:
         raise document.error(
             "network.limbs", f"no limb carries {', '.join(sorted(missing))} (put it on one, or fix it)"
         )
@@ -211,13 +336,87 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         period_ns=round(file.control.period * 1e9),
         watchdog_cycles=file.control.watchdog_cycles,
         allowed_collision_pairs=tuple(file.allowed_collision_pairs),
+        base=file.base,
+        devices=devices,
+        mimics=mimics,
+        device_limits={device.joint: limits[device.joint] for device in devices if device.joint},
+        actuators=_actuators(document, file.actuators, joints),
+        parallel_pairs=_parallel_pairs(document, file.parallel_pairs, joints),
+        cameras=_cameras(document, file.cameras, tree),
     )
 
 
-def _limits(assembled: Path) -> dict[str, tuple[float, float, float, float]]:
+def _mimics(tree: ET.Element) -> dict[str, Mimic]:
+    mimics = {}
+    for joint in tree.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            mimics[joint.get("name", "")] = Mimic(
+                mimic.get("joint", ""), float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            )
+    return mimics
+
+
+def _devices(
+    document: config.Document, file: _RobotFile, tree: ET.Element, channels: set[str], mimics: dict[str, Mimic]
+) -> tuple[Device, ...]:
+    links = {link.get("name", "") for link in tree.findall("link")}
+    moving = _limits(tree)
+    devices: list[Device] = []
+    for number, device in enumerate(file.network.devices):
+        field = f"network.devices[{number}]"
+        if device.channel not in channels:
+            raise document.error(
+                f"{field}.channel", f"got {device.channel!r}; expected one of {', '.join(sorted(channels))}"
+            )
+        if device.name in {other.name for other in devices}:
+            raise document.error(f"{field}.name", f"got {device.name!r} a second time; expected a name of its own")
+        if device.link and device.link not in links:
+            raise document.error(f"{field}.link", f"no link {device.link!r} in the URDF")
+        if device.joint and (device.joint not in moving or device.joint in mimics):
+            raise document.error(f"{field}.joint", f"no moving joint {device.joint!r} that mimics no other in the URDF")
+        index = sum(other.family == device.family for other in devices)
+        devices.append(Device(device.name, device.family, index, device.channel, device.link, device.joint))
+    return tuple(devices)
+
+
+def _actuators(document: config.Document, given: dict[str, Actuator], joints: Sequence[str]) -> tuple[Actuator, ...]:
+    for pattern in given:
+        if not fnmatch.filter(joints, pattern):
+            raise document.error(f"actuators.{pattern}", "matches no joint of this robot")
+    found = []
+    for joint in joints:
+        matches = [actuator for pattern, actuator in given.items() if fnmatch.fnmatch(joint, pattern)]
+        if len(matches) > 1:
+            raise document.error("actuators", f"{joint} is given {len(matches)} times; expected at most once")
+        found.append(matches[0] if matches else Actuator())
+    return tuple(found)
+
+
+def _parallel_pairs(
+    document: config.Document, given: Sequence[ParallelPair], joints: Sequence[str]
+) -> tuple[ParallelPair, ...]:
+    for number, pair in enumerate(given):
+        for field in ("pitch", "roll"):
+            if getattr(pair, field) not in joints:
+                raise document.error(
+                    f"parallel_pairs[{number}].{field}", f"no joint {getattr(pair, field)!r} on the network"
+                )
+    return tuple(given)
+
+
+def _cameras(document: config.Document, given: Sequence[Camera], tree: ET.Element) -> tuple[Camera, ...]:
+    links = {link.get("name", "") for link in tree.findall("link")}
+    for number, camera in enumerate(given):
+        if camera.link not in links:
+            raise document.error(f"cameras[{number}].link", f"no link {camera.link!r} in the URDF")
+    return tuple(given)
+
+
+def _limits(tree: ET.Element) -> dict[str, tuple[float, float, float, float]]:
     """joint → lower, upper (rad), velocity (rad/s), effort (N·m), of every moving joint."""
     limits = {}
-    for joint in ET.parse(assembled).getroot().findall("joint"):
+    for joint in tree.findall("joint"):
         limit = joint.find("limit")
         if joint.get("type") in ("revolute", "prismatic") and limit is not None:
             values = [float(limit.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")]

@@ -1,0 +1,51 @@
+"""What nodes that are no joints are to everything above the bus: one row of numbers a device, SI units, whatever carries them.
+
+Which columns a row has is the family's business: its description (hal/drives/FAMILY/family.yaml) names them, with units.
+Handrail's own families:
+
+============= ===================================================================== =========================================
+family        measured                                                              commanded
+============= ===================================================================== =========================================
+imu           orientation_x … _w, angular_velocity_x … _z rad/s,                    nothing
+              linear_acceleration_x … _z m/s² (with gravity, as REP 145 says)
+force_torque  force_x … _z N, torque_x … _z N·m, in the device's link's frame       nothing
+gripper       position (rad or m), velocity, effort (N·m or N), temperature °C      position, velocity, effort (all ≥ 0 but
+              state (CiA 402 number), holding (1: stopped by something)              position), enable (0 or 1)
+power         voltage V, current A, charge 0..1, temperature °C, relay (1: closed)  relay
+============= ===================================================================== =========================================
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+MEASURED, COMMANDED = 16, 8
+"""Columns that a device's rows have room for."""
+
+
+class DeviceState:
+    """What was last measured; one row a device, in the description's order."""
+
+    def __init__(self, n: int):
+        self.values = np.zeros((n, MEASURED))
+        """the family's measured columns, in its order; the rest 0"""
+        self.measured_ns = np.zeros(n, np.int64)
+        """when it was measured, on the clock of whoever runs the bus"""
+        self.age = np.full(n, 1 << 30, np.int64)
+        """cycles since the last valid frame"""
+
+    def __len__(self) -> int:
+        return len(self.age)
+
+
+class DeviceCommand:
+    """What is about to be written; one row a device, in the description's order."""
+
+    def __init__(self, n: int):
+        self.values = np.zeros((n, COMMANDED))
+        """the family's commanded columns, in its order"""
+        self.commanded = np.zeros(n, np.bool_)
+        """devices that somebody commands: the others are not written to"""
+
+    def __len__(self) -> int:
+        return len(self.commanded)

@@ -20,7 +20,12 @@ test: $(WARM)   ## lint, types, floors and every test (under 15 minutes on 2 cor
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+ifeq ($(strip $(ARGS)),)
+	$(BIN)/python -m pytest -m "not soak and not stack" -n 2 --dist loadfile
+	$(BIN)/python -m pytest -m "stack and not soak"
+else
 	$(BIN)/python -m pytest -m "not soak" $(ARGS)
+endif
 
 soak: $(WARM)   ## what takes longer: twenty seeds, hours
 	$(BIN)/python -m pytest -m soak $(ARGS)

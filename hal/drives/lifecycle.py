@@ -58,6 +58,8 @@ class DriveError(enum.IntEnum):
     OVERCURRENT = 5
     COMMUNICATION = 6
     INTERNAL = 7
+    UNDERVOLTAGE = 8
+    """no power: the relay is open, or the battery empty"""
 
 
 CONTROLWORD = np.array([0x00, 0x02, 0x06, 0x07, 0x0F, 0x80], np.uint8)

@@ -17,6 +17,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from typing import TextIO
 
 from hal.can.hub import Hub
@@ -111,8 +112,11 @@ class Service:
                 deadline += missed * STEP_NS
 
 
-def main() -> None:
-    """Run the plant until SIGTERM or SIGINT; prints `plant ready` when the bus can be joined."""
+def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], None] | None = None) -> None:
+    """Run the plant until SIGTERM or SIGINT; prints `plant ready` when the bus can be joined.
+
+    world_type, prepare: a world that is more than one, and what is done with the service before it runs (hal.hil).
+    """
     parser = argparse.ArgumentParser(
         prog="python -m hal.plant.world",
         description="The simulated robot and its world, with the virtual CAN bus inside.",
@@ -125,7 +129,7 @@ def main() -> None:
     with _own_stdout() as stdout:
         try:
             robot = robots.load(options.robot)
-            world = World(robot, scene.load(options.scene))
+            world = world_type(robot, scene.load(options.scene))
             runtime = Runtime.at(options.runtime)
             channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in robot.channels]
             hub = Hub(runtime.bus, channels, clock=lambda: world.time_ns)
@@ -133,6 +137,8 @@ def main() -> None:
             sys.exit(f"plant: {error}")
         truth = Publisher(runtime.endpoint("plant.truth"))
         service = Service(world, hub, truth)
+        if prepare is not None:
+            prepare(service, runtime)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: service.stop())
         with contextlib.closing(hub), contextlib.closing(world), contextlib.closing(truth):

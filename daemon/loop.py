@@ -259,7 +259,7 @@ def main(arguments: list[str] | None = None) -> int:
         description, runtime = robots.load(given.robot), Runtime.at(given.runtime)
         kinematics, protocol = Kinematics(description), LimbProtocol(description)
         warm_up(kinematics)
-        hardware = Hardware(description, open_port(description, runtime), protocol)
+        hardware = Hardware(description, open_port(description, runtime, name="daemon"), protocol)
         loop = Loop(hardware, kinematics, given.clock == "lockstep", runtime)
         signal.signal(signal.SIGTERM, loop.end)
         signal.signal(signal.SIGINT, loop.end)

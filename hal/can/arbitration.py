@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from hal.can.frames import EXTENDED, FD, REMOTE, WORDS
+from hal.can.tally import BUSY, FRAMES, FREE, count
 from hal.can.timing import frame_ns
 
 _BUS_SHIFT = np.uint64(48)
@@ -78,24 +79,29 @@ def by_priority(words, n, order):
 
 
 @njit(cache=True)
-def arbitrate(words, order, node, n, now, bitrates, free, frames, busy, out, out_node, heads, following):
+def arbitrate(words, order, node, n, now, bitrates, totals, identifiers, out, out_node, heads, following):
     """Put n waiting frames onto their buses; `out` gets them in the order in which they end, time_ns set to that end.
 
     words: the waiting records; order (≥ n,): rows as they were queued; node (≥ n,): who queued each row.
-    now: ns, when they wait; bitrates (c, 2): nominal and data bit/s; free (c,): ns when each bus was last free, updated.
-    frames, busy (c,): counted frames and busy ns, updated. heads (c, nodes) and following (≥ n,): work space.
+    now: ns, when they wait; bitrates (c, 2): nominal and data bit/s; totals, identifiers: hal.can.tally, updated.
+    heads (c, nodes, 2), all −1 between calls, and following (≥ n,): work space.
     """
-    channels, nodes = heads.shape
-    heads[:] = -1
+    channels = heads.shape[0]
+    waiting = np.zeros(channels, np.int64)  # nodes with frames on each bus: heads[bus, :waiting, 1]
     for k in range(n - 1, -1, -1):
         row = order[k]
-        bus = bus_of(words, row)
-        following[row] = heads[bus, node[row]]
-        heads[bus, node[row]] = row
+        bus, who = bus_of(words, row), node[row]
+        following[row] = heads[bus, who, 0]
+        if following[row] < 0:
+            heads[bus, waiting[bus], 1] = who
+            waiting[bus] += 1
+        heads[bus, who, 0] = row
     winner, end = np.full(channels, -1, np.int64), np.zeros(channels, np.int64)
     for bus in range(channels):
-        free[bus] = max(free[bus], now)
-        winner[bus], end[bus] = _next(words, heads, bus, nodes, free, bitrates)
+        totals[bus, FREE] = max(totals[bus, FREE], now)
+        if waiting[bus]:
+            winner[bus] = _next(words, heads, bus, waiting)
+            end[bus] = totals[bus, FREE] + frame_ns(words, winner[bus], bitrates[bus, 0], bitrates[bus, 1])
     for k in range(n):
         first = -1
         for bus in range(channels):
@@ -106,26 +112,34 @@ def arbitrate(words, order, node, n, now, bitrates, free, frames, busy, out, out
             out[WORDS * k + i] = words[WORDS * row + i]
         out[WORDS * k] = np.uint64(end[first])
         out_node[k] = node[row]
-        frames[first] += 1
-        busy[first] += end[first] - free[first]
-        free[first] = end[first]
-        heads[first, node[row]] = following[row]
-        winner[first], end[first] = _next(words, heads, first, nodes, free, bitrates)
+        took = end[first] - totals[first, FREE]
+        totals[first, FRAMES] += 1
+        totals[first, BUSY] += took
+        totals[first, FREE] = end[first]
+        count(words, row, first, took, 1, identifiers)
+        heads[first, node[row], 0] = following[row]
+        winner[first] = _next(words, heads, first, waiting)
+        if winner[first] >= 0:
+            end[first] += frame_ns(words, winner[first], bitrates[first, 0], bitrates[first, 1])
 
 
 @njit(cache=True)
-def _next(words, heads, bus, nodes, free, bitrates):
-    """(the row that wins the bus next or −1, ns when it ends)."""
-    best, lowest = -1, np.int64(0)
-    for who in range(nodes):
-        row = heads[bus, who]
-        if row >= 0:
-            key = priority(words, row)
-            if best < 0 or key < lowest:
-                best, lowest = row, key
-    if best < 0:
-        return best, np.int64(0)
-    return best, free[bus] + frame_ns(words, best, bitrates[bus, 0], bitrates[bus, 1])
+def _next(words, heads, bus, waiting):
+    """The row that wins the bus next, −1: none. Of equal identifiers the node with the lower number's."""
+    best, lowest, by = -1, np.int64(0), np.int64(0)
+    k = 0
+    while k < waiting[bus]:
+        who = heads[bus, k, 1]
+        row = heads[bus, who, 0]
+        if row < 0:
+            waiting[bus] -= 1
+            heads[bus, k, 1] = heads[bus, waiting[bus], 1]
+            continue
+        key = priority(words, row)
+        if best < 0 or key < lowest or (key == lowest and who < by):
+            best, lowest, by = row, key, who
+        k += 1
+    return best
 
 
 @njit(cache=True)

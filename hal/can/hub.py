@@ -26,9 +26,11 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import wire
+from hal.can import control, tally, wire
 from hal.can.arbitration import admit, arbitrate, by_priority
 from hal.can.arbitration import select as select_records
+from hal.can.control import BusReport, ChannelState, IdentifierLoad, NodeState
+from hal.can.faults import Fault
 from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, WORDS
 from hal.can.node import Node
 from hal.can.timing import BusTiming, LoadMeter
@@ -41,7 +43,7 @@ _TURN = 16
 _QUEUE = 65536
 """Records that wait for one slow listener, about 5 MB."""
 _MOST_NODES = 64
-"""Processes on the bus, the hub's own drives (node 0) included."""
+"""Processes on the bus; node 0 is the hub itself. Its own drives are numbered behind."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,7 @@ class Hub:
         self._clock, self._queue = clock, queue
         count = len(names)
         self._bitrates = np.array([(c.bitrate, c.data_bitrate) for c in self.channels], np.int64)
-        self._free = np.zeros(count, np.int64)
-        self._frames, self._busy = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        self._totals, self._identifiers = tally.totals(count), tally.identifiers(count)
         self._meters = [LoadMeter() for _ in names]
         self.refused = 0
         """records that were no CAN frames, or for a channel that is not there"""
@@ -95,7 +96,11 @@ class Hub:
         self._records = self._ordered.view(RECORD)
         self._node, self._ordered_node = np.zeros(_CAPACITY, np.int64), np.zeros(_CAPACITY, np.int64)
         self._as_they_came, self._order = np.arange(_CAPACITY), np.zeros(_CAPACITY, np.int64)
-        self._heads, self._following = np.zeros((count, _MOST_NODES), np.int64), np.zeros(_CAPACITY, np.int64)
+        self._heads, self._following = np.full((count, _MOST_NODES, 2), -1, np.int64), np.zeros(_CAPACITY, np.int64)
+        self._own_names: tuple[str, ...] = ()
+        self._own_channels: tuple[int, ...] = ()
+        self._faults: dict[int, Fault] = {}
+        self._next_fault = 1
         self._own = np.where(np.arange(MAX_CHANNELS) < count, np.arange(MAX_CHANNELS), -1)
         self._warm()
         self._nodes: dict[int, Node] = {}
@@ -111,12 +116,12 @@ class Hub:
         by_priority(self._inbox, 1, self._order)
         self._arbitrate(self._as_they_came, 1, 0)
         select_records(self._ordered, self._ordered_node, 1, 0, self._own, self._selected)
-        for counter in (self._free, self._frames, self._busy):
-            counter[:] = 0
+        self._totals[:] = 0
+        self._identifiers[:] = 0
 
     def _arbitrate(self, order: npt.NDArray[np.int64], n: int, now: int) -> None:
         arbitrate(
-            self._inbox, order, self._node, n, now, self._bitrates, self._free, self._frames, self._busy,
+            self._inbox, order, self._node, n, now, self._bitrates, self._totals, self._identifiers,
             self._ordered, self._ordered_node, self._heads, self._following,
         )  # fmt: skip
 
@@ -127,7 +132,25 @@ class Hub:
     @property
     def listeners(self) -> int:
         """Processes that have joined."""
-        return sum(node.greeted for node in self._nodes.values())
+        return sum(node.greeted and not node.control for node in self._nodes.values())
+
+    def own_nodes(self, names: Sequence[str], channels: Sequence[str]) -> None:
+        """Say who the hub's own nodes are, and on which channel each is; `transmit` counts them in this order.
+
+        Raises ValueError on a name given twice and on a channel that is not there.
+        """
+        known = [channel.name for channel in self.channels]
+        if len(names) != len(channels):
+            raise ValueError(
+                f"hub: own nodes: {len(names)} names and {len(channels)} channels; expected one channel each"
+            )
+        for name, channel in zip(names, channels, strict=True):
+            if names.count(name) > 1:
+                raise ValueError(f"hub: own nodes: name {name!r} twice; expected different names")
+            if channel not in known:
+                raise ValueError(f"hub: own node {name}: channel {channel!r}; expected one of {known}")
+        self._own_names, self._own_channels = tuple(names), tuple(known.index(channel) for channel in channels)
+        self._heads = np.full((len(known), _MOST_NODES + len(names), 2), -1, np.int64)
 
     def poll(self, timeout_s: float | None = 0.0) -> npt.NDArray[np.void]:
         """Frames from the other processes since the last call, in the order in which the buses carry them.
@@ -156,11 +179,14 @@ class Hub:
                 if wait <= 0.0:
                     return self._records[:0]
 
-    def transmit(self, records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-        """Send frames of the hub's own drives, each drive a node of its own, to everybody else.
+    def transmit(
+        self, records: npt.NDArray[np.void], senders: npt.NDArray[np.int64] | None = None
+    ) -> npt.NDArray[np.void]:
+        """Send frames of the hub's own nodes to everybody else.
 
-        Returns them as the buses carried them; the view holds until the next `poll` or `transmit`. Raises ValueError when
-        a record is no CAN frame or its channel is not there.
+        senders (n,): who sends each frame, as a place in `own_nodes`' names; None: each is sent by a nameless node of its
+        own. Returns the frames as the buses carried them; the view holds until the next `poll` or `transmit`. Raises
+        ValueError when a record is no CAN frame, its channel is not there or a sender is none of `own_nodes`.
         """
         n = len(records)
         if n > _CAPACITY:
@@ -169,18 +195,97 @@ class Hub:
         good = admit(self._inbox, 0, n, self._own)
         if good != n:
             raise ValueError(f"hub: {n - good} of {n} records are no CAN frames or name a channel that is not there")
-        by_priority(self._inbox, n, self._order)
-        self._node[:n] = 0
-        self._arbitrate(self._order, n, self._clock())
+        if senders is None:
+            by_priority(self._inbox, n, self._order)
+            self._node[:n] = 0
+            self._arbitrate(self._order, n, self._clock())
+        else:
+            if len(senders) != n or (n and not 0 <= senders.min() <= senders.max() < len(self._own_names)):
+                raise ValueError(f"hub: senders {senders}; expected {n} places in {len(self._own_names)} own nodes")
+            np.add(senders, _MOST_NODES, out=self._node[:n])
+            self._arbitrate(self._as_they_came, n, self._clock())
         self._pass_on(n)
         return self._records[:n]
+
+    def report(self) -> BusReport:
+        """Everything about the bus at this moment."""
+        carried = self.statistics()
+        channels = [
+            ChannelState(
+                name=channel.name,
+                bitrate=channel.bitrate,
+                data_bitrate=channel.data_bitrate,
+                frames=of.frames,
+                busy_ns=of.busy_ns,
+                error_frames=int(self._totals[bus, tally.ERRORS]),
+                load=of.load,
+                identifiers=[
+                    IdentifierLoad(can_id=can_id, extended=extended, frames=frames, busy_ns=busy)
+                    for can_id, extended, frames, busy in tally.seen(self._identifiers, bus)
+                ],
+            )
+            for bus, (channel, of) in enumerate(zip(self.channels, carried, strict=True))
+        ]
+        places = [
+            (node.name, bus)
+            for node in self._nodes.values()
+            if node.greeted and not node.control
+            for bus in range(len(channels))
+            if node.outbound[bus] >= 0
+        ]
+        return BusReport(
+            time_ns=self._clock(),
+            timing=False,
+            channels=channels,
+            nodes=[
+                NodeState(
+                    name=name,
+                    channel=self.channels[bus].name,
+                    state="error_active",
+                    transmit_errors=0,
+                    receive_errors=0,
+                    waiting=0,
+                    overflows=0,
+                )
+                for name, bus in [*zip(self._own_names, self._own_channels, strict=True), *places]
+            ],
+            faults=dict(self._faults),
+            hits=dict.fromkeys(self._faults, 0),
+        )
+
+    def add_fault(self, fault: Fault) -> int:
+        """Lay a fault on the bus; returns its number. Raises ValueError when it can't ever act here."""
+        names = [channel.name for channel in self.channels]
+        if fault.channel is not None and fault.channel not in names:
+            raise ValueError(f"fault: channel {fault.channel!r}; expected one of {names}")
+        if fault.node is None and fault.kind in ("babble", "bus_off"):
+            raise ValueError(f"fault {fault.kind}: node is missing; expected a node's name")
+        number, self._next_fault = self._next_fault, self._next_fault + 1
+        self._faults[number] = fault
+        return number
+
+    def clear_fault(self, number: int | None = None) -> int:
+        """Take back one fault, or all (None); returns how many. Raises ValueError when there is no such fault."""
+        if number is None:
+            count = len(self._faults)
+            self._faults.clear()
+            return count
+        if self._faults.pop(number, None) is None:
+            raise ValueError(f"fault {number}: there is none of that number; expected one of {sorted(self._faults)}")
+        return 1
 
     def statistics(self) -> list[ChannelStatistics]:
         """What every channel has carried. Call it several times a second for a load that is up to date."""
         now = self._clock()
         return [
             ChannelStatistics(channel.name, int(frames), int(busy), meter.update(now, int(busy)))
-            for channel, frames, busy, meter in zip(self.channels, self._frames, self._busy, self._meters, strict=True)
+            for channel, frames, busy, meter in zip(
+                self.channels,
+                self._totals[:, tally.FRAMES],
+                self._totals[:, tally.BUSY],
+                self._meters,
+                strict=True,
+            )
         ]
 
     def close(self) -> None:
@@ -229,6 +334,9 @@ class Hub:
                 if self._greet(node, bytes(self._inbox_bytes[BYTES * n : BYTES * n + size])):
                     continue
                 size = 0
+            if size and node.control:
+                self._serve(node, bytes(self._inbox_bytes[BYTES * n : BYTES * n + size]))
+                continue
             if size == 0 or size > wire.MAX_BYTES or size % BYTES:
                 # It left, or speaks something else: nothing that it says can be trusted.
                 self._part(node)
@@ -264,11 +372,29 @@ class Hub:
         except OSError:
             return False
         node.greeted, node.own_frames = True, hello.own_frames
+        node.name, node.control = hello.name or node.name, hello.role == "control"
         return True
+
+    def _serve(self, node: Node, datagram: bytes) -> None:
+        """Answer a request about the bus."""
+        answer: control.Answer
+        try:
+            match control.decode_request(datagram):
+                case control.GetBus():
+                    answer = self.report()
+                case control.AddFault(fault=fault):
+                    answer = control.FaultAdded(number=self.add_fault(fault))
+                case control.ClearFault(number=number):
+                    answer = control.FaultsCleared(count=self.clear_fault(number))
+        except (msgspec.DecodeError, ValueError) as error:
+            answer = wire.Sorry(reason=str(error))
+        # Who asks without reading the answers gets none.
+        with contextlib.suppress(OSError):
+            node.connection.send(wire.encode(answer))
 
     def _pass_on(self, n: int) -> None:
         for node in list(self._nodes.values()):
-            if not node.greeted:
+            if not node.greeted or node.control:
                 continue
             skip = -1 if node.own_frames else node.number
             count = select_records(self._ordered, self._ordered_node, n, skip, node.outbound, self._selected)

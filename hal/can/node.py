@@ -18,6 +18,9 @@ class Node:
         """`number`: who it is to the arbitration; `room`: records that may wait for it."""
         self.connection, self.number, self._room = connection, number, room
         self.greeted = False
+        self.name = f"node{number}"
+        self.control = False
+        """it is about the bus, not on it"""
         self.own_frames = False
         """it also wants to hear what it sent"""
         self.inbound = np.full(MAX_CHANNELS, -1, np.int64)

@@ -88,11 +88,12 @@ class HubPort:
         *,
         own_frames: bool = False,
         timeout_s: float = 5.0,
+        name: str | None = None,
     ):
         """Join the hub at `path` (Runtime.bus) for these channels, in this order; None: all, in the hub's order.
 
-        own_frames: also receive what this port sent. Raises BusLost when no hub is there within `timeout_s`, ValueError
-        when it has no such channel.
+        own_frames: also receive what this port sent. name: what reports and faults call this node.
+        Raises BusLost when no hub is there within `timeout_s`, ValueError when it has no such channel.
         """
         # Compile before joining: a slow start would let the socket fill.
         self._buffer = np.zeros(WORDS * _ROOM, np.uint64)
@@ -103,7 +104,7 @@ class HubPort:
         self._records = self._buffer.view(RECORD)
         self._path = path
         self._socket, infos = wire.join(
-            path, None if channels is None else list(channels), own_frames=own_frames, timeout_s=timeout_s
+            path, None if channels is None else list(channels), own_frames=own_frames, timeout_s=timeout_s, name=name
         )
         self.channels = infos
         """The channels joined, in this port's order."""
@@ -256,14 +257,14 @@ class CanPort:
             bus.shutdown()
 
 
-def open_port(description: Any, runtime: Runtime, *, timeout_s: float = 5.0) -> Port:
+def open_port(description: Any, runtime: Runtime, *, timeout_s: float = 5.0, name: str | None = None) -> Port:
     """The port to a robot's channels, as its description says: interface `handrail` is the virtual bus of `runtime`.
 
     Raises BusLost when a bus is not there, ValueError when the channels mix the virtual bus with real ones.
     """
     virtual = [channel.interface == "handrail" for channel in description.channels]
     if all(virtual):
-        return HubPort(runtime.bus, [channel.name for channel in description.channels], timeout_s=timeout_s)
+        return HubPort(runtime.bus, [channel.name for channel in description.channels], timeout_s=timeout_s, name=name)
     if any(virtual):
         raise ValueError(
             f"robot {description.name}: channels.interface: "

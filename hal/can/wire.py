@@ -1,7 +1,8 @@
 """How a process joins the hub: one JSON datagram each way on the Unix seqpacket socket, then datagrams of records only.
 
 The newcomer says `Hello`; the hub answers `Welcome` or `Sorry`. From then on every datagram, both ways, is a whole number of
-records (hal.can.frames), at most `MAX_RECORDS`. A record's `bus` counts the channels as the newcomer listed them.
+records (hal.can.frames), at most `MAX_RECORDS`. A record's `bus` counts the channels as the newcomer listed them. Who joins
+with the role `control` is no node on the bus: it sends requests and gets answers, both in JSON (hal.can.control).
 """
 
 from __future__ import annotations
@@ -10,13 +11,17 @@ import errno
 import os
 import select
 import socket
+import sys
 import time
+from pathlib import Path
+from typing import Annotated, Literal
 
 import msgspec
 
 from hal.can.frames import BYTES
 
-VERSION = 1
+VERSION = 2
+"""Of all that is said on the socket. A hub and a newcomer of different versions don't work together."""
 MAX_RECORDS = 512
 """Records in one datagram."""
 MAX_BYTES = MAX_RECORDS * BYTES
@@ -44,6 +49,9 @@ class Hello(msgspec.Struct, tag="hello", kw_only=True):
     """names, in the order in which the newcomer counts them; None: all, in the hub's order"""
     own_frames: bool = False
     """also send the newcomer its own frames back, where they come on the bus"""
+    name: Annotated[str, msgspec.Meta(max_length=64)] = ""
+    """what reports and faults call it; empty: the hub gives it a name"""
+    role: Literal["node", "control"] = "node"
 
 
 class Welcome(msgspec.Struct, tag="welcome", kw_only=True):
@@ -70,21 +78,36 @@ def prepare(connection: socket.socket) -> None:
     connection.setblocking(False)
 
 
+def default_name() -> str:
+    """What a process is called on the bus when nobody says: program and process id."""
+    program = Path(sys.argv[0])
+    return f"{program.parent.name if program.stem == '__main__' else program.stem or 'python'}-{os.getpid()}"[-64:]
+
+
 def join(
     path: str | os.PathLike[str],
     channels: list[str] | None = None,
     *,
     own_frames: bool = False,
     timeout_s: float = 5.0,
+    name: str | None = None,
+    role: Literal["node", "control"] = "node",
 ) -> tuple[socket.socket, list[ChannelInfo]]:
     """Join the hub at `path`, waiting until it is there; returns the non-blocking socket and the channels.
 
-    Raises BusLost when no hub answers within `timeout_s`, ValueError when it refuses (it says why).
+    name: what reports and faults call this process (default: program and process id). Raises BusLost when no hub answers
+    within `timeout_s`, ValueError when it refuses (it says why).
     """
     deadline = time.monotonic() + timeout_s
     connection = _connect(os.fspath(path), deadline, timeout_s)
     try:
-        connection.send(encode(Hello(channels=channels, own_frames=own_frames)))
+        connection.send(
+            encode(
+                Hello(
+                    channels=channels, own_frames=own_frames, name=default_name() if name is None else name, role=role
+                )
+            )
+        )
         waiting = select.poll()
         waiting.register(connection, select.POLLIN)
         patience = max(_ANSWER_S, deadline - time.monotonic())

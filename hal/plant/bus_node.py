@@ -20,8 +20,14 @@ class BusNode:
     def __init__(self, world: World):
         self.refused = 0
         """frames for drives that had a bad CRC or a wrong length: ignored, and not answered"""
-        drives = world.drives
+        drives, limbs = world.drives, world.description.limbs
         n = len(drives)
+        channel = {joint: limb.channel for limb in limbs for joint in limb.joints}
+        self.names = world.description.joints
+        """the nodes on the bus: each drive has its joint's name"""
+        self.channels = tuple(channel[joint] for joint in self.names)
+        self.senders = np.zeros(0, np.int64)
+        """which of them sent each of the frames that `answer` gave last"""
         self._drives = drives
         self._protocol = LimbProtocol(world.description)
         self._targets = DriveTargets(n)
@@ -53,5 +59,6 @@ class BusNode:
             return self._out[:0]
         _STATUSWORDS.take(self._drives.state, out=state.status)
         count = self._protocol.encode_status(state, self._drives.actuators.mode, owed, self._out)
+        self.senders = np.flatnonzero(owed)
         owed[:] = False
         return self._out[:count]

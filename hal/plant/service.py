@@ -55,6 +55,7 @@ class Service:
         self.free_runs = 0
         """lock-step: how often the world ran free"""
         self._node = BusNode(world)
+        hub.own_nodes(self._node.names, self._node.channels)
         self._truth = truth
         self._steps_a_period = world.description.period_ns // STEP_NS
         self._stopping = False
@@ -70,7 +71,7 @@ class Service:
                 self._truth.send(self.world.truth())
         answers = self._node.answer()
         if len(answers):
-            self.hub.transmit(answers)
+            self.hub.transmit(answers, self._node.senders)
 
     def run_lockstep(self) -> None:
         """Step when Sync comes; see the module's text."""

@@ -174,7 +174,7 @@ def test_data_beyond_the_length_is_zero_for_whoever_reads_it(hub: Hub, join: Joi
     assert data.tolist() == [0xAA] * 12 + [0] * 52
 
 
-@pytest.mark.parametrize("first", [b"x", b"GET / HTTP/1.1\r\n\r\n", b'{"type":"hello","version":2}', bytes(160)])
+@pytest.mark.parametrize("first", [b"x", b"GET / HTTP/1.1\r\n\r\n", b'{"type":"hello","version":1}', bytes(160)])
 def test_a_stranger_on_the_socket_is_sent_away(hub: Hub, folder: Path, join: Join, first: bytes) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stranger:
         stranger.connect(str(folder / "bus.sock"))
@@ -280,7 +280,18 @@ def test_listeners_in_other_processes_see_the_same_order_without_loss(running: P
 def test_a_newcomer_speaks_json_that_any_language_can_write(hub: Hub, folder: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as newcomer:
         newcomer.connect(str(folder / "bus.sock"))
-        newcomer.send(b'{"type":"hello","version":1,"channels":["can1"]}')
+        newcomer.send(b'{"type":"hello","version":2,"channels":["can1"]}')
         hub.poll(0.05)
         answer = newcomer.recv(wire.MAX_BYTES)
     assert answer == b'{"type":"welcome","channels":[{"name":"can1","bitrate":1000000,"data_bitrate":5000000}]}'
+
+
+def test_the_hubs_own_nodes_compete_each_with_its_own_queue(hub: Hub, join: Join, make_frames: Make) -> None:
+    hub.own_nodes(["shoulder", "elbow"], ["can0", "can0"])
+    listener = join()
+    hub.transmit(make_frames([0x300, 0x100, 0x200]), np.array([0, 0, 1]))
+    assert _ids(listener.receive(1.0)) == [0x200, 0x300, 0x100]
+    with pytest.raises(ValueError, match="expected 1 places in 2 own nodes"):
+        hub.transmit(make_frames([1]), np.array([2]))
+    with pytest.raises(ValueError, match="can9"):
+        hub.own_nodes(["wrist"], ["can9"])

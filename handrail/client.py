@@ -9,6 +9,8 @@
             for event in events:
                 ...
 
+`handrail.cloud.unpack` makes arrays of a depth camera's PointCloud.
+
 A call returns its typed answer. It raises `RefusedError` when the robot refused it (nothing has changed; the error names field,
 value and expectation), and `Unreachable` when no answer came (the text says what to do, and whether it may have been carried out).
 Calls may be made from any number of threads at once; none waits for another's answer, and a stop overtakes what is unsent.

@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import msgspec
+import numpy as np
 from msgspec import inspect
 
+from handrail.cloud import Points
 from handrail.messages import Pose
 
 _NS = 1_000_000_000
@@ -74,6 +76,24 @@ class JointStates(msgspec.Struct):
     joints: list[JointState]
 
 
+class PackedElementField(msgspec.Struct):
+    name: str
+    offset: int
+    """bytes"""
+    type: int
+    """NumericType: 1 uint8, 7 float32"""
+
+
+class PointCloud(msgspec.Struct):
+    timestamp: Time
+    frame_id: str
+    pose: PoseValue
+    point_stride: int
+    fields: list[PackedElementField]
+    data: bytes
+    """base64 in JSON"""
+
+
 class Log(msgspec.Struct):
     timestamp: Time
     level: int
@@ -85,7 +105,12 @@ class Log(msgspec.Struct):
 
 LOG_LEVEL = {"info": 2, "warning": 3, "error": 4}
 
-WELL_KNOWN = (FrameTransforms, PoseInFrame, JointStates, Log)
+_UINT8, _FLOAT32 = 1, 7
+_POINT = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")]
+)
+
+WELL_KNOWN = (FrameTransforms, PoseInFrame, JointStates, PointCloud, Log)
 
 
 def time(time_ns: int) -> Time:
@@ -115,6 +140,21 @@ def joint_states(
     return JointStates(time(time_ns), [JointState(*row) for row in rows])
 
 
+def point_cloud(time_ns: int, frame: str, points: Points) -> PointCloud:
+    """A cloud in `frame`, every point with its colour (white where it has none)."""
+    rows = np.empty(len(points.positions), _POINT)
+    for axis, name in enumerate("xyz"):
+        rows[name] = points.positions[:, axis]
+    for part, name in enumerate(("red", "green", "blue")):
+        rows[name] = 255 if points.colours is None else points.colours[:, part]
+    rows["alpha"] = 255
+    fields = [
+        PackedElementField(name, offset, _FLOAT32 if kind.kind == "f" else _UINT8)
+        for name, (kind, offset, *_) in (_POINT.fields or {}).items()
+    ]
+    return PointCloud(time(time_ns), frame, pose_value(Pose()), _POINT.itemsize, fields, rows.tobytes())
+
+
 def schema_name(kind: type) -> str:
     """The name that Foxglove knows a well-known type by, or ours."""
     return f"foxglove.{kind.__name__}" if kind in WELL_KNOWN else f"handrail.{kind.__name__}"
@@ -137,6 +177,8 @@ def _schema(info: inspect.Type, where: str) -> dict[str, Any]:
             return {"type": "number"}
         case inspect.StrType():
             return {"type": "string"}
+        case inspect.BytesType():
+            return {"type": "string", "contentEncoding": "base64"}
         case inspect.LiteralType() if all(isinstance(value, str) for value in info.values):
             return {"type": "string"}
         case inspect.ListType() | inspect.VarTupleType():

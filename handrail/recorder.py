@@ -10,6 +10,7 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 | --- | --- | --- |
 | /joint_states, /joint_commands | foxglove.JointStates | measured rad, rad/s, N·m; commanded rad; every RobotState (100 Hz) |
 | /tf | foxglove.FrameTransforms | moving links, tools and template instances in base_link, 25 Hz |
+| /camera/NAME | foxglove.PointCloud | what a depth camera sees, in base_link, as it comes |
 | /tool/ARM | foxglove.PoseInFrame | the tool's contact point, 25 Hz |
 | /daemon_status, /action, /run_state, /instance, /plan, /prompt, /prompt_closed | handrail.* | as they come |
 | /can/CHANNEL | handrail.BusStatistics | with each DaemonStatus |
@@ -30,7 +31,7 @@ import typer
 import zmq
 from mcap.writer import CompressionType, Writer
 
-from handrail import foxglove
+from handrail import cloud, foxglove
 from handrail.config import ConfigError
 from handrail.messages import (
     ActionEvent,
@@ -41,12 +42,14 @@ from handrail.messages import (
     InstanceState,
     LogLine,
     PlanPreview,
+    PointCloud,
     Pose,
     Prompt,
     PromptClosed,
     RobotInfo,
     RobotState,
     RunState,
+    SensorEvent,
 )
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
@@ -83,6 +86,12 @@ class FileClock:
         self._now = max(self._now, stamp)
         return stamp
 
+    def stamp_late(self, time_ns: int) -> int:
+        """The same for what comes a while after its time: never taken for a clock that began anew."""
+        if self._offset is None:
+            return self._now
+        return min(time_ns + self._offset, self._now)
+
 
 class Recording:
     """An MCAP file being written. `finish` it, or the file has no index."""
@@ -117,6 +126,8 @@ class Recording:
                 stamp = self._clock.stamp(message.time_ns)
                 level = foxglove.LOG_LEVEL[message.level]
                 self._write("/log", foxglove.Log(foxglove.time(stamp), level, message.text, message.source), stamp)
+            case PointCloud():
+                self._cloud(message)
             case _:
                 stamp = self._clock.stamp(getattr(message, "time_ns", 0))
                 self._write(_AS_THEY_COME[type(message)], message, stamp)
@@ -144,6 +155,15 @@ class Recording:
         if not 0 < self._next_transforms - stamp <= TRANSFORM_PERIOD_NS:
             self._next_transforms = stamp + TRANSFORM_PERIOD_NS
             self._transforms(state, stamp)
+
+    def _cloud(self, message: PointCloud) -> None:
+        try:
+            points = cloud.unpack(message)
+        except ValueError as problem:
+            typer.echo(f"recorder: a cloud of {message.camera} is left out: {problem}", err=True)
+            return
+        stamp = self._clock.stamp_late(message.time_ns)  # a picture takes its time, many times as long in lock-step
+        self._write(f"/camera/{message.camera}", foxglove.point_cloud(stamp, WORLD, points), stamp)
 
     def _transforms(self, state: RobotState, stamp: int) -> None:
         transforms = [
@@ -241,9 +261,8 @@ def record(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
 
-    subscriber = Subscriber(
-        [place.endpoint("daemon.events"), place.endpoint("engine.events")], DaemonEvent | EngineEvent, queue=100_000
-    )
+    endpoints = [place.endpoint(f"{who}.events") for who in ("daemon", "engine", "sensors")]
+    subscriber = Subscriber(endpoints, DaemonEvent | EngineEvent | SensorEvent, queue=100_000)
     poller = zmq.Poller()
     poller.register(subscriber.socket, zmq.POLLIN)
     poller.register(ended, zmq.POLLIN)

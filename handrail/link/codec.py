@@ -33,6 +33,7 @@ from handrail.messages import (
     MakePlan,
     Message,
     Run,
+    SensorEvent,
     Stop,
     spec,
 )
@@ -58,14 +59,14 @@ class NoAnswer(Message):
 
 
 def _remote(*unions: Any) -> tuple[type, ...]:
-    return tuple(kind for union in unions for kind in get_args(union) if spec(kind).remote)
+    return tuple(kind for union in unions for kind in get_args(union) or (union,) if spec(kind).remote)
 
 
 DAEMON_CALLS = _remote(DaemonCall)
 ENGINE_CALLS = _remote(EngineCall)
 REMOTE_CALL: Any = functools.reduce(operator.or_, DAEMON_CALLS + ENGINE_CALLS)
 """union of the calls that the link takes"""
-REMOTE_EVENTS = {kind.__name__: kind for kind in _remote(DaemonEvent, EngineEvent)}
+REMOTE_EVENTS = {kind.__name__: kind for kind in _remote(DaemonEvent, EngineEvent, SensorEvent)}
 """name → type of the events that the link carries"""
 REMOTE_ANSWER: Any = Answer | NoAnswer
 

@@ -214,7 +214,7 @@ class Gate:
         events.setsockopt(zmq.RECONNECT_IVL, 50)
         for wanted in codec.REMOTE_EVENTS:
             events.subscribe(wanted)
-        for endpoint in ("daemon.events", "engine.events"):
+        for endpoint in ("daemon.events", "engine.events", "sensors.events"):
             events.connect(self._runtime.endpoint(endpoint))
         clock = asyncio.get_running_loop().time
         while True:
@@ -254,8 +254,9 @@ class Gate:
             topic = message[1:]
             if topic.startswith(codec.SYNC):
                 await self._events_out.send_multipart((topic, b""))
-            elif (encoded := self._latest.last(topic, clock())) is not None:
-                await self._publish(topic, encoded)
+            else:
+                for encoded in self._latest.last(topic, clock()):
+                    await self._publish(topic, encoded)
 
 
 def _user(frame: zmq.Frame) -> str:

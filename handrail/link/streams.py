@@ -7,13 +7,16 @@ import asyncio
 import msgspec
 
 from handrail.link.codec import REMOTE_EVENTS
-from handrail.messages import spec
+from handrail.messages import PointCloud, spec
 
 _WHOLE_STREAM = ("type",)
 
 
 class LatestValues:
-    """What is waiting to leave, newest only, and the last value of each stream that is one per type, for late clients."""
+    """What is waiting to leave, newest only, and for late clients the last value of what no snapshot holds.
+
+    That is: of each stream that is one per type, and of each camera. Instances and plans are in the engine's snapshot.
+    """
 
     def __init__(self, forget_after_s: float):
         """`forget_after_s`: a stream that has been silent for this long has no last value any more."""
@@ -22,7 +25,7 @@ class LatestValues:
             name: msgspec.msgpack.Decoder(kind) for name, kind in REMOTE_EVENTS.items() if not spec(kind).reliable
         }
         self._waiting: dict[tuple[object, ...], tuple[bytes, bytes]] = {}
-        self._last: dict[bytes, bytes] = {}
+        self._last: dict[bytes, dict[tuple[object, ...], bytes]] = {}
         self._heard = -float("inf")
         self._something = asyncio.Event()
 
@@ -32,12 +35,13 @@ class LatestValues:
         fields = spec(kind).superseded_by
         if fields == _WHOLE_STREAM:
             key: tuple[object, ...] = (name,)
-            self._last[name.encode()] = encoded
-            # The daemon's two streams live and die together; in lock-step one may stand still while time is held.
-            self._heard = now_s
         else:
             message = self._decoders[name].decode(encoded)
             key = (name, *(getattr(message, field) for field in fields))
+        if fields == _WHOLE_STREAM or kind is PointCloud:
+            self._last.setdefault(name.encode(), {})[key] = encoded
+            # They live and die together; in lock-step some may stand still while time is held.
+            self._heard = now_s
         # A newer value queues up behind what came before it, so that order among streams is kept too.
         self._waiting.pop(key, None)
         self._waiting[key] = (name.encode(), encoded)
@@ -54,8 +58,8 @@ class LatestValues:
         """Until something is waiting."""
         await self._something.wait()
 
-    def last(self, name: bytes, now_s: float) -> bytes | None:
-        """The last value of a stream, or None when it never had one or all has been silent for too long."""
+    def last(self, name: bytes, now_s: float) -> list[bytes]:
+        """The last values of the streams of a type: none when there never were any or all has been silent for too long."""
         if now_s - self._heard > self._forget_after_s:
             self._last.clear()
-        return self._last.get(name)
+        return list(self._last.get(name, {}).values())

@@ -165,6 +165,10 @@ class Stand:
         service.answers[MakePlan] = infeasible
         return service
 
+    def sensors(self) -> Publisher:
+        """What a camera's process publishes on."""
+        return self._keep(Publisher(self.runtime.endpoint("sensors.events")))
+
     def gate(self) -> RunningGate:
         return self._keep(RunningGate(self.runtime, self.keys, self.port))
 

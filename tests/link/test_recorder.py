@@ -12,10 +12,11 @@ from collections import Counter
 from typing import get_args
 
 import msgspec
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from handrail import foxglove
+from handrail import cloud, foxglove
 from handrail.messages import (
     ActionEvent,
     BusStatistics,
@@ -179,6 +180,21 @@ class TestARecording:
         (wheel,) = transforms[0]
         assert (wheel["parent_frame_id"], wheel["child_frame_id"]) == ("base_link", "wheel_1")
         assert wheel["translation"] == {"x": 0.55, "y": -0.35, "z": 0.3}
+
+    def test_has_what_a_camera_sees_at_the_time_it_was_seen_however_late_it_comes(self):
+        seen = cloud.pack("head", 5 * STEP_NS, np.eye(3), np.full((3, 3), 200, np.uint8), (0.0, 0.0, 0.0))
+        _, rows = recorded([state(5), state(500), seen, state(501)])
+        stamps = {(channel.topic, message.log_time): data for _, channel, message, data in rows}
+        written = stamps["/camera/head", START_NS]
+        assert written["frame_id"] == "base_link" and written["point_stride"] == 16
+        assert ("/joint_states", START_NS + 496 * STEP_NS) in stamps, "the robot's clock did not begin anew"
+
+    def test_leaves_out_a_cloud_that_can_not_be_read_and_goes_on(self, capsys):
+        broken = cloud.pack("head", STEP_NS, np.eye(3), None, (0.0, 0.0, 0.0))
+        broken.points = b"?"
+        _, rows = recorded([broken, STATUS])
+        assert [channel.topic for _, channel, _, _ in rows] == ["/daemon_status"]
+        assert "head" in capsys.readouterr().err
 
     def test_without_a_known_robot_keeps_what_needs_no_names(self):
         _, rows = recorded([state(1), INSTANCE], robot=None)

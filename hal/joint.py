@@ -6,6 +6,11 @@ import enum
 
 import numpy as np
 
+MEASURED = ("position", "velocity", "torque", "temperature")
+"""Rows of `JointState.table`."""
+COMMANDED = ("position", "velocity", "torque", "stiffness", "damping")
+"""Rows of `JointCommand.table`."""
+
 
 class Mode(enum.IntEnum):
     """What a drive does with its set-point; two bits of a command frame."""
@@ -21,17 +26,13 @@ class Mode(enum.IntEnum):
 
 
 class JointState:
-    """What was last measured. All arrays have shape (n,)."""
+    """What was last measured. All arrays have shape (n,), but for `table`."""
 
     def __init__(self, n: int):
-        self.position = np.zeros(n)
-        """rad, at the joint"""
-        self.velocity = np.zeros(n)
-        """rad/s"""
-        self.torque = np.zeros(n)
-        """N·m, of the drive's spring"""
-        self.temperature = np.zeros(n)
-        """°C"""
+        self.table = np.zeros((len(MEASURED), n))
+        """the rows `MEASURED`, so that all of them can be copied at once; the four arrays below are views of them"""
+        self.position, self.velocity, self.torque, self.temperature = self.table
+        """rad, at the joint; rad/s; N·m, of the drive's spring; °C"""
         self.status = np.zeros(n, np.uint16)
         """CiA 402 statusword (hal.drives.lifecycle)"""
         self.error = np.zeros(n, np.uint8)
@@ -46,19 +47,13 @@ class JointState:
 
 
 class JointCommand:
-    """What is about to be written. All arrays have shape (n,)."""
+    """What is about to be written. All arrays have shape (n,), but for `table`."""
 
     def __init__(self, n: int):
-        self.position = np.zeros(n)
-        """rad"""
-        self.velocity = np.zeros(n)
-        """rad/s"""
-        self.torque = np.zeros(n)
-        """N·m, feed-forward"""
-        self.stiffness = np.zeros(n)
-        """N·m/rad"""
-        self.damping = np.zeros(n)
-        """N·m·s/rad"""
+        self.table = np.zeros((len(COMMANDED), n))
+        """the rows `COMMANDED`, for what looks at all of them at once; the five arrays below are views of them"""
+        self.position, self.velocity, self.torque, self.stiffness, self.damping = self.table
+        """rad; rad/s; N·m, feed-forward; N·m/rad; N·m·s/rad"""
         self.mode = np.zeros(n, np.uint8)
         """Mode"""
 
@@ -67,12 +62,10 @@ class JointCommand:
 
     def copy_from(self, other: JointCommand) -> None:
         """Take over all of another command's set-points, in place."""
-        self.position[:], self.velocity[:], self.torque[:] = other.position, other.velocity, other.torque
-        self.stiffness[:], self.damping[:], self.mode[:] = other.stiffness, other.damping, other.mode
+        self.table[...], self.mode[...] = other.table, other.mode
 
     def follow(self, state: JointState) -> None:
         """Become the command of a robot that nobody commands: where it is, with no torque and no gains."""
-        self.position[:] = state.position
-        for row in (self.velocity, self.torque, self.stiffness, self.damping):
-            row[:] = 0.0
-        self.mode[:] = Mode.DAMPING
+        self.table[...] = 0.0
+        self.position[...] = state.position
+        self.mode[...] = Mode.DAMPING

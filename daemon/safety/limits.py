@@ -7,6 +7,7 @@ so a step of any of the five set-point arrays is caught, and the robot's own mot
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numba
@@ -40,13 +41,18 @@ class Limits:
         """The limits in a robot's description, for its own loop period."""
         period = description.period_ns * 1e-9
         return cls(
-            lower=np.ascontiguousarray(description.lower, float),
-            upper=np.ascontiguousarray(description.upper, float),
-            velocity=np.ascontiguousarray(description.velocity_limit, float),
-            torque=np.ascontiguousarray(description.torque_limit, float),
-            torque_step=np.ascontiguousarray(description.torque_rate_limit, float) * period,
+            lower=description.lower,
+            upper=description.upper,
+            velocity=description.velocity_limit,
+            torque=description.torque_limit,
+            torque_step=description.torque_rate_limit * period,
             period=period,
         )
+
+    @functools.cached_property
+    def table(self) -> Array:
+        """(5, n): the arrays in this order, for the kernel."""
+        return np.array([self.lower, self.upper, self.velocity, self.torque, self.torque_step], float)
 
 
 def effective_torque(command: JointCommand, position: Array, velocity: Array) -> Array:
@@ -60,9 +66,7 @@ def effective_torque(command: JointCommand, position: Array, velocity: Array) ->
 
 def first_not_finite(command: JointCommand) -> int:
     """Index of the first joint with a set-point that is no finite number, −1 where all are."""
-    return int(
-        _first_not_finite(command.position, command.velocity, command.torque, command.stiffness, command.damping)
-    )
+    return _first_not_finite(command.table)
 
 
 def enforce(command: JointCommand, previous: JointCommand, state: JointState, limits: Limits) -> int:
@@ -71,58 +75,45 @@ def enforce(command: JointCommand, previous: JointCommand, state: JointState, li
     A position already outside its limits may come back but not go further out. Torque and torque rate are judged after the
     other set-points have been cut, and kept by the feed-forward torque; where they contradict each other, torque wins.
     """
-    return int(
-        _enforce(
-            command.position,
-            command.velocity,
-            command.torque,
-            command.stiffness,
-            command.damping,
-            previous.position,
-            previous.velocity,
-            previous.torque,
-            previous.stiffness,
-            previous.damping,
-            state.position,
-            state.velocity,
-            limits.lower,
-            limits.upper,
-            limits.velocity,
-            limits.torque,
-            limits.torque_step,
-            limits.period,
-        )
-    )
+    return _enforce(command.table, previous.table, state.position, state.velocity, limits.table, limits.period)
+
+
+# Few arguments, whole tables: handing an array to a compiled kernel costs more than what this one does with a row.
 
 
 @numba.njit(cache=True)
-def _first_not_finite(q, v, t, k, d):  # type: ignore[no-untyped-def]
-    for j in range(q.shape[0]):
-        if not np.isfinite(q[j] + v[j] + t[j] + k[j] + d[j]):
+def _first_not_finite(command):  # type: ignore[no-untyped-def]
+    for j in range(command.shape[1]):
+        if not np.isfinite(command[0, j] + command[1, j] + command[2, j] + command[3, j] + command[4, j]):
             return j
     return -1
 
 
 @numba.njit(cache=True)
-def _enforce(q, v, t, k, d, q0, v0, t0, k0, d0, qm, vm, lower, upper, vmax, tmax, step, dt):  # type: ignore[no-untyped-def]
+def _enforce(command, previous, qm, vm, limits, dt):  # type: ignore[no-untyped-def]
     changed = 0
-    for j in range(q.shape[0]):
-        reach = vmax[j] * dt * (1.0 + 1e-9)
+    for j in range(command.shape[1]):
+        q, v, torque, k, d = command[0, j], command[1, j], command[2, j], command[3, j], command[4, j]
+        q0, v0, t0, k0, d0 = previous[0, j], previous[1, j], previous[2, j], previous[3, j], previous[4, j]
+        lower, upper, vmax, tmax, step = limits[0, j], limits[1, j], limits[2, j], limits[3, j], limits[4, j]
+        reach = vmax * dt * (1.0 + 1e-9)
         # Towards where the joint is, a command may jump: that lets a spring go, as fast as the torque rate below allows.
-        position = min(max(q[j], min(q0[j], qm[j]) - reach), max(q0[j], qm[j]) + reach)
-        position = min(max(position, min(lower[j], q0[j])), max(upper[j], q0[j]))
-        velocity = min(max(v[j], -vmax[j]), vmax[j])
-        stiffness, damping = max(k[j], 0.0), max(d[j], 0.0)
+        position = min(max(q, min(q0, qm[j]) - reach), max(q0, qm[j]) + reach)
+        position = min(max(position, min(lower, q0)), max(upper, q0))
+        velocity = min(max(v, -vmax), vmax)
+        stiffness, damping = max(k, 0.0), max(d, 0.0)
         # What the drive makes of the previous set-points, and of these but for the feed-forward torque.
-        before = t0[j] + k0[j] * (q0[j] - qm[j]) + d0[j] * (v0[j] - vm[j])
+        before = t0 + k0 * (q0 - qm[j]) + d0 * (v0 - vm[j])
         spring = stiffness * (position - qm[j]) + damping * (velocity - vm[j])
-        low, high = max(before - step[j], -tmax[j]), min(before + step[j], tmax[j])
-        torque = t[j]
-        if torque + spring > max(high, -tmax[j]):
-            torque = max(high, -tmax[j]) - spring
-        elif torque + spring < min(low, tmax[j]):
-            torque = min(low, tmax[j]) - spring
-        if position != q[j] or velocity != v[j] or torque != t[j] or stiffness != k[j] or damping != d[j]:
+        low, high = max(before - step, -tmax), min(before + step, tmax)
+        kept = torque
+        if kept + spring > max(high, -tmax):
+            kept = max(high, -tmax) - spring
+        elif kept + spring < min(low, tmax):
+            kept = min(low, tmax) - spring
+        if position != q or velocity != v or kept != torque or stiffness != k or damping != d:
             changed += 1
-        q[j], v[j], t[j], k[j], d[j] = position, velocity, torque, stiffness, damping
+        command[0, j], command[1, j], command[2, j], command[3, j], command[4, j] = (
+            position, velocity, kept, stiffness, damping,
+        )  # fmt: skip
     return changed

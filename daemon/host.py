@@ -83,6 +83,22 @@ def children(
     return processes
 
 
+def check_network(description: RobotDescription) -> None:
+    """Refuse a robot with real buses whose interfaces, bit rates or drives are not as described. Raises UsageError."""
+    if all(channel.interface == "handrail" for channel in description.channels):
+        return
+    # Only robots on real buses pay for python-can.
+    from hal.can import bus_check
+    from hal.can.wire import BusLost
+    from hal.drives.limb_fd import LimbProtocol
+
+    try:
+        bus_check.check_channels(description.channels)
+        bus_check.check_real_drives(description, LimbProtocol)
+    except (BusLost, ValueError) as error:
+        raise UsageError(str(error)) from error
+
+
 def _checked_scene(scene: str | None) -> str:
     """The scene, read once here so that a wrong file is one clear line and not a process that dies."""
     from hal.plant import scene as scenes  # only a simulated robot needs what it imports
@@ -170,6 +186,7 @@ def up(
         processes = children(
             description, robot=robot, scene=scene, clock=clock, runtime=place, port=port, engine=engine, link=link
         )
+        check_network(description)
         with sole_service(place):
             where = f" in scene {scene}" if scene else ""
             typer.echo(f"{description.name}{where}, {clock.value} clock")

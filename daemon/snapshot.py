@@ -11,7 +11,7 @@ from daemon.life import Life
 from daemon.manager import ControllerManager
 from daemon.orders import Orders
 from daemon.robot_state import RobotState
-from hal.can.port import BUSY_NS, RECEIVED, SENT
+from hal.can.counting import BUSY_NS, RECEIVED, SENT
 from hal.hardware import Hardware
 from hal.joint import JointCommand
 

@@ -1,7 +1,8 @@
 """The control loop's way to its CAN channels: records in, records out, whether the bus is virtual or real.
 
 A record's `bus` is the index of its channel in the robot's description. `HubPort` speaks to the virtual bus and allocates
-nothing but array views; `CanPort` speaks to any python-can interface (SocketCAN, PCAN, Kvaser, ...).
+nothing but array views; `CanPort` (hal.can.real_port) speaks to any python-can interface (SocketCAN, PCAN, Kvaser, ...);
+`MixedPort` (hal.can.mixed_port) to both. `open_port` finds out which, and refuses what can't work before anything moves.
 """
 
 from __future__ import annotations
@@ -16,17 +17,13 @@ import numpy.typing as npt
 from numba import njit
 
 from hal.can import wire
-from hal.can.arbitration import bus_of
+from hal.can.counting import RECEIVED, SENT, count_frames
 from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD, WORDS
-from hal.can.timing import BusTiming, frame_ns
 from hal.can.wire import BusLost
 from handrail.runtime import Runtime
 
-_ROOM = 8 * wire.MAX_RECORDS
+ROOM = 8 * wire.MAX_RECORDS
 """Records that one receive takes in."""
-
-SENT, RECEIVED, BUSY_NS = 0, 1, 2
-"""Columns of `Port.counters`."""
 
 
 class Port(Protocol):
@@ -51,15 +48,6 @@ class Port(Protocol):
 
     def close(self) -> None:
         """Leave the bus."""
-
-
-@njit(cache=True)
-def _count(words, n, bitrates, column, counters):
-    for row in range(n):
-        bus = bus_of(words, row)
-        if bus < counters.shape[0]:
-            counters[bus, column] += 1
-            counters[bus, BUSY_NS] += frame_ns(words, row, bitrates[bus, 0], bitrates[bus, 1])
 
 
 @njit(cache=True)
@@ -96,9 +84,9 @@ class HubPort:
         Raises BusLost when no hub is there within `timeout_s`, ValueError when it has no such channel.
         """
         # Compile before joining: a slow start would let the socket fill.
-        self._buffer = np.zeros(WORDS * _ROOM, np.uint64)
+        self._buffer = np.zeros(WORDS * ROOM, np.uint64)
         bitrates = np.ones((MAX_CHANNELS, 2), np.int64)
-        _count(self._buffer, 0, bitrates, SENT, np.zeros((1, 3), np.int64))
+        count_frames(self._buffer, 0, bitrates, SENT, np.zeros((1, 3), np.int64))
         _without_notices(self._buffer, 0)
         self._bytes = self._buffer.data.cast("B")
         self._records = self._buffer.view(RECORD)
@@ -126,7 +114,7 @@ class HubPort:
             except OSError as error:
                 raise BusLost(f"CAN bus at {self._path}: {error}") from error
             else:
-                _count(batch.view(np.uint64), len(batch), self._bitrates, SENT, self.counters)
+                count_frames(batch.view(np.uint64), len(batch), self._bitrates, SENT, self.counters)
 
     def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
         """All frames that have arrived, in the order in which the buses carried them; see Port.receive."""
@@ -144,11 +132,11 @@ class HubPort:
             if got == 0:
                 raise BusLost(f"CAN bus at {self._path}: the hub has ended")
             size += got
-            if size > BYTES * (_ROOM - wire.MAX_RECORDS):
+            if size > BYTES * (ROOM - wire.MAX_RECORDS):
                 break
         n, lost = _without_notices(self._buffer, size // BYTES)
         self.lost += lost
-        _count(self._buffer, n, self._bitrates, RECEIVED, self.counters)
+        count_frames(self._buffer, n, self._bitrates, RECEIVED, self.counters)
         return self._records[:n]
 
     def fileno(self) -> int:
@@ -160,114 +148,38 @@ class HubPort:
         self._socket.close()
 
 
-class CanPort:
-    """Places on real buses, one python-can bus a channel. Allocates a message a frame, as python-can does."""
-
-    def __init__(self, channels: Sequence[Any]):
-        """Open every channel: anything with name, interface (python-can's name), bitrate and data_bitrate (bit/s).
-
-        Raises BusLost naming the channel that can't be opened.
-        """
-        import can
-
-        from hal.can import convert
-
-        self._can, self._convert = can, convert
-        self.channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in channels]
-        self._bitrates = np.array([(c.bitrate, c.data_bitrate) for c in channels], np.int64).reshape(-1, 2)
-        self.counters = np.zeros((len(channels), 3), np.int64)
-        self.refused = 0
-        self.lost = 0
-        self._records = np.zeros(_ROOM, RECORD)
-        self._bytes = self._records.view(np.uint8).data
-        self._names = [channel.name for channel in channels]
-        self._buses: list[can.BusABC] = []
-        self._poll = select.epoll()
-        self._unwaitable: can.BusABC | None = None
-        for channel in channels:
-            try:
-                bus = can.Bus(
-                    interface=channel.interface,
-                    channel=channel.name,
-                    fd=True,
-                    bitrate=channel.bitrate,
-                    data_bitrate=channel.data_bitrate,
-                )
-            except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-                self.close()
-                raise BusLost(f"CAN channel {channel.name} (interface {channel.interface}): {error}") from error
-            self._buses.append(bus)
-            try:
-                self._poll.register(bus.fileno(), select.EPOLLIN)
-            except NotImplementedError:
-                self._unwaitable = bus
-
-    def send(self, records: npt.NDArray[np.void]) -> None:
-        """Queue frames without waiting; see Port.send."""
-        data = np.ascontiguousarray(records).view(np.uint8).data
-        for row in range(len(records)):
-            bus = int(records[row]["bus"])
-            message = self._convert.to_message(data[BYTES * row : BYTES * (row + 1)], self._names, rx=False)
-            try:
-                self._buses[bus].send(message, timeout=0)
-            except self._can.CanOperationError:
-                self.refused += 1
-            except (self._can.CanError, OSError) as error:
-                raise BusLost(f"CAN channel {self._names[bus]}: {error}") from error
-            else:
-                _count(records[row : row + 1].view(np.uint64), 1, self._bitrates, SENT, self.counters)
-
-    def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
-        """All frames that have arrived, channel by channel; see Port.receive."""
-        n = self._drain(0, 0.0)
-        if n == 0 and timeout_s > 0.0:
-            if self._unwaitable is None:
-                self._poll.poll(timeout_s)
-                n = self._drain(0, 0.0)
-            else:
-                n = self._drain(0, timeout_s)
-        _count(self._records.view(np.uint64), n, self._bitrates, RECEIVED, self.counters)
-        return self._records[:n]
-
-    def _drain(self, n: int, timeout_s: float) -> int:
-        for index, bus in enumerate(self._buses):
-            wait = timeout_s if bus is self._unwaitable else 0.0
-            try:
-                while n < _ROOM and (message := bus.recv(wait)) is not None:
-                    wait = 0.0
-                    if not message.is_error_frame:
-                        self._bytes[BYTES * n : BYTES * (n + 1)] = self._convert.to_record(message, index)
-                        n += 1
-            except (self._can.CanError, OSError) as error:
-                raise BusLost(f"CAN channel {self._names[index]}: {error}") from error
-        return n
-
-    def fileno(self) -> int:
-        """Readable when frames wait on any channel. Raises NotImplementedError where an interface can't be waited on."""
-        if self._unwaitable is not None:
-            raise NotImplementedError(
-                f"CAN interface of {self._unwaitable.channel_info}: has no file descriptor to wait on"
-            )
-        return self._poll.fileno()
-
-    def close(self) -> None:
-        """Leave the buses."""
-        self._poll.close()
-        for bus in self._buses:
-            bus.shutdown()
-
-
 def open_port(description: Any, runtime: Runtime, *, timeout_s: float = 5.0, name: str | None = None) -> Port:
     """The port to a robot's channels, as its description says: interface `handrail` is the virtual bus of `runtime`.
 
-    Raises BusLost when a bus is not there, ValueError when the channels mix the virtual bus with real ones.
+    name: what the virtual bus calls this node. Raises BusLost when a bus is not there, ValueError when the description asks
+    for what none of python-can's interfaces or the hub can give, with what to do.
     """
     virtual = [channel.interface == "handrail" for channel in description.channels]
     if all(virtual):
-        return HubPort(runtime.bus, [channel.name for channel in description.channels], timeout_s=timeout_s, name=name)
-    if any(virtual):
-        raise ValueError(
-            f"robot {description.name}: channels.interface: "
-            f"{[channel.interface for channel in description.channels]}; expected `handrail` on all channels or on none"
-        )
-    return CanPort(description.channels)
+        names = [channel.name for channel in description.channels]
+        port = HubPort(runtime.bus, names, timeout_s=timeout_s, name=name)
+        check_hub_rates(description, port, runtime)
+        return port
+    # Only robots with real channels pay for importing python-can.
+    from hal.can.bus_check import check_channels
+    from hal.can.mixed_port import MixedPort
+    from hal.can.real_port import CanPort
+
+    check_channels(description.channels)
+    if not any(virtual):
+        return CanPort(description.channels)
+    mixed = MixedPort(description.channels, runtime, timeout_s=timeout_s, name=name)
+    check_hub_rates(description, mixed, runtime)
+    return mixed
+
+
+def check_hub_rates(description: Any, port: Any, runtime: Runtime) -> None:
+    """Close the port and raise ValueError where the hub runs a virtual channel at other rates than the robot's drives have."""
+    for wanted, there in zip(description.channels, port.channels, strict=True):
+        if (wanted.bitrate, wanted.data_bitrate) != (there.bitrate, there.data_bitrate):
+            port.close()
+            raise ValueError(
+                f"CAN channel {wanted.name}: {description.name} has {wanted.bitrate} and {wanted.data_bitrate} bit/s, the hub "
+                f"at {runtime.bus} runs it at {there.bitrate} and {there.data_bitrate}; start the hub with --bitrate "
+                f"{wanted.bitrate} --data-bitrate {wanted.data_bitrate}, or change network.channels in the robot's robot.yaml"
+            )

@@ -31,6 +31,10 @@ class Channel(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=T
     interface: str
     bitrate: Annotated[int, msgspec.Meta(gt=0)]
     data_bitrate: Annotated[int, msgspec.Meta(gt=0)]
+    channel: str = ""
+    """of a real interface: python-can's name of the channel, e.g. PCAN_USBBUS1; default: `name`"""
+    options: dict[str, str | int | float | bool] = {}
+    """of a real interface: handed to `can.Bus` as they are, after what `hal.can.real_port` gives it"""
 
 
 class _LimbFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):

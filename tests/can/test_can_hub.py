@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from hal.can import frames, wire
+from hal.can.counting import BUSY_NS, RECEIVED, SENT
 from hal.can.hub import Hub
-from hal.can.port import BUSY_NS, RECEIVED, SENT, HubPort
+from hal.can.port import HubPort
 from hal.can.wire import BusLost
 
 Join = Callable[..., HubPort]

@@ -20,7 +20,7 @@ import typer
 from typer.testing import CliRunner
 
 from daemon import exchange
-from daemon.host import Clock, UsageError, children, drop_leftovers, sole_service, up
+from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, sole_service, up
 from daemon.mailbox import MailboxReader
 from daemon.ring import StateRingWriter
 from handrail.robot import description as robots
@@ -92,6 +92,16 @@ def test_lockstep_on_real_buses_is_refused(talos: RobotDescription, runtime: Run
 def test_a_scene_for_a_robot_on_real_buses_is_refused(talos: RobotDescription, runtime: Runtime) -> None:
     with pytest.raises(UsageError, match="--scene valve"):
         children(on_real_buses(talos), robot="r", scene="valve", clock=Clock.WALL, runtime=runtime, port=1)
+
+
+def test_a_robot_on_a_bus_that_is_not_there_is_refused_before_anything_starts(talos: RobotDescription) -> None:
+    with pytest.raises(UsageError, match=r"^CAN channel can0.*(no network interface|SocketCAN)"):
+        check_network(on_real_buses(talos))
+    unknown = msgspec.structs.replace(talos.channels[0], interface="sockcan")
+    with pytest.raises(
+        UsageError, match=r"channel can0: interface 'sockcan' is none that python-can has; expected .* socketcan,"
+    ):
+        check_network(dataclasses.replace(talos, channels=(unknown, talos.channels[1])))
 
 
 def test_an_unknown_robot_is_one_line_that_names_those_there_are(runtime: Runtime) -> None:

@@ -6,7 +6,6 @@ before the controllers run: a guard that trips in a cycle takes the joints to `h
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,15 +71,17 @@ class ActionTable:
         self._manager, self._robot = manager, robot
         self.slots: list[Action | None] = [None] * SLOTS
         self.cycle = 0
+        self._running: tuple[Action, ...] = ()
+        self._force_frames: tuple[str, ...] = ()
         self._tips = [(arm.tip, frozenset(arm.joints)) for arm in robot.kinematics.description.arms.values()]
 
-    def running(self) -> Iterator[Action]:
+    def running(self) -> tuple[Action, ...]:
         """The actions that have not ended."""
-        return (action for action in self.slots if action is not None and action.alive)
+        return self._running
 
-    def force_frames(self) -> list[str]:
+    def force_frames(self) -> tuple[str, ...]:
         """Where running actions need the external force, the first action's tool first."""
-        return list(dict.fromkeys(frame for action in self.running() for frame in action.frames))
+        return self._force_frames
 
     # ------------------------------------------------------------------------------------------------- what is asked for
 
@@ -121,6 +122,7 @@ class ActionTable:
             cycle=self.cycle,
             frames=tuple(frame for frame in frames if frame),
         )
+        self._look_who_runs()
         return None
 
     def pause(self, serial: int) -> Refusal | None:
@@ -178,6 +180,7 @@ class ActionTable:
         for action in ended:
             action.outcome, action.joint = outcome, joint
             action.state, action.cycle = ActionState.ENDED, self.cycle
+        self._look_who_runs()
         return ended
 
     def _has_to_end(self, action: Action, last: JointCommand) -> bool:
@@ -201,7 +204,13 @@ class ActionTable:
 
     def _end(self, action: Action, last: JointCommand) -> None:
         action.state, action.cycle = ActionState.ENDED, self.cycle
+        self._look_who_runs()
         self._manager.switch([action.controller], [], last)
+
+    def _look_who_runs(self) -> None:
+        """After every start and end, so that no cycle has to look."""
+        self._running = tuple(action for action in self.slots if action is not None and action.alive)
+        self._force_frames = tuple(dict.fromkeys(frame for action in self._running for frame in action.frames))
 
     def _steer(self, serial: int, rate: float) -> Refusal | None:
         for action in self.running():

@@ -46,15 +46,20 @@ class Bell:
     def __init__(self, path: Path):
         self._path = str(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._connected = False
 
     def ring(self) -> bool:
         """Wake whoever listens. False when nobody does: no process has made that doorbell, or it has died."""
         try:
-            self._socket.sendto(b"!", self._path)
+            if not self._connected:
+                self._socket.connect(self._path)
+                self._connected = True
+            self._socket.send(b"!")
         except BlockingIOError:
             return True  # its queue is full of rings already
         except (FileNotFoundError, ConnectionRefusedError):
-            return False
+            again, self._connected = self._connected, False
+            return again and self.ring()  # who listened has died: another may listen there now
         return True
 
     def close(self) -> None:

@@ -45,6 +45,8 @@ class ControllerManager:
         self._offset = np.zeros(n)
         self._since_switch = np.full(n, np.inf)
         self._switched = np.zeros(n, bool)
+        self._settled = True
+        """no switch is being smoothed"""
 
     @property
     def enabled(self) -> bool:
@@ -58,6 +60,7 @@ class ControllerManager:
         # one may have been begun in the cycle in which the robot was stopped.
         self._since_switch[:] = np.inf
         self._switched[:] = False
+        self._settled = True
         self._set([hold])
 
     def release_all(self) -> None:
@@ -85,6 +88,7 @@ class ControllerManager:
             controller.activate(self.robot, last)
             self._switched[controller.joints] = True
         self._switched[free & was_held] = False
+        self._settled = False
         self._set([*stay, *fresh])
 
     def update(self, last: JointCommand) -> JointCommand:
@@ -95,17 +99,23 @@ class ControllerManager:
         """
         for controller in self.active:
             controller.update(self.robot, self.command)
+        if not self._settled:
+            self._smooth_switch(last)
+        return self.command
+
+    def _smooth_switch(self, last: JointCommand) -> None:
+        state = self.robot.joints
         if self._switched.any():
-            state = self.robot.joints
             before = effective_torque(last, state.position, state.velocity)
             after = effective_torque(self.command, state.position, state.velocity)
             self._offset[self._switched] = (before - after)[self._switched]
             self._since_switch[self._switched] = 0.0
             self._switched[:] = False
-        for joint in np.flatnonzero(self._since_switch < FADE):
+        fading = np.flatnonzero(self._since_switch < FADE)
+        for joint in fading:
             self.command.torque[joint] += self._offset[joint] * fade(self._since_switch[joint], FADE)
         self._since_switch += self.robot.period
-        return self.command
+        self._settled = not len(fading)
 
     def _hold_position(self, last: JointCommand) -> Array:
         """(n,) rad where to hold joints: where they were commanded to be.

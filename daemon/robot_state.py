@@ -32,8 +32,9 @@ class FramePose(NamedTuple):
 class RobotState:
     """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
 
-    The model's passes run once a cycle in `update`; frames and Jacobians are computed when asked for. Arrays have one row a
-    joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten by the next `update`.
+    Gravity is there after `update`; the model's other passes run when somebody asks for a frame or a Jacobian, once a cycle
+    each. Arrays have one row a joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten
+    by the next `update`.
     """
 
     def __init__(self, kinematics: Kinematics, joints: JointState, period: float):
@@ -51,7 +52,7 @@ class RobotState:
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._torque_weight = 1.0 / kinematics.description.torque_limit
         self._force_gain = 1.0 - np.exp(-2.0 * np.pi * _FORCE_CUTOFF_HZ * period)
-        self._jacobians_fresh = False
+        self._measured_fresh = self._commanded_fresh = self._jacobians_fresh = False
 
     def update(self, commanded_position: Array, commanded_velocity: Array) -> None:
         """Take the joints as measured now, and what was commanded in the cycle before, into the model."""
@@ -59,31 +60,29 @@ class RobotState:
         self._v[self._rows] = self.joints.velocity
         self._q_command[self._rows] = commanded_position
         self._v_command[self._rows] = commanded_velocity
-        self.gravity[:] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
-        pin.forwardKinematics(self._model, self._measured, self._q, self._v)
-        pin.forwardKinematics(self._model, self._commanded, self._q_command, self._v_command)
-        self._jacobians_fresh = False
+        self.gravity[...] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
+        self._measured_fresh = self._commanded_fresh = self._jacobians_fresh = False
 
     def frame(self, name: str) -> FramePose:
         """A frame where it is measured to be."""
-        pose = pin.updateFramePlacement(self._model, self._measured, self.kinematics.frame_id(name))
+        pose = pin.updateFramePlacement(self._model, self._measured_pass(), self.kinematics.frame_id(name))
         return FramePose(pose.rotation.copy(), pose.translation.copy())
 
     def commanded_frame(self, name: str) -> FramePose:
         """A frame where the joints are commanded to bring it."""
-        pose = pin.updateFramePlacement(self._model, self._commanded, self.kinematics.frame_id(name))
+        pose = pin.updateFramePlacement(self._model, self._commanded_pass(), self.kinematics.frame_id(name))
         return FramePose(pose.rotation.copy(), pose.translation.copy())
 
     def lag(self, name: str) -> Array:
         """(3,) m: a frame's commanded minus its measured position."""
         frame = self.kinematics.frame_id(name)
-        commanded = pin.updateFramePlacement(self._model, self._commanded, frame).translation
-        return commanded - pin.updateFramePlacement(self._model, self._measured, frame).translation
+        commanded = pin.updateFramePlacement(self._model, self._commanded_pass(), frame).translation
+        return commanded - pin.updateFramePlacement(self._model, self._measured_pass(), frame).translation
 
     def commanded_frame_velocity(self, name: str) -> Array:
         """Linear velocity (3,) m/s of a frame's origin, world axes, as commanded."""
         frame = self.kinematics.frame_id(name)
-        motion = pin.getFrameVelocity(self._model, self._commanded, frame, pin.LOCAL_WORLD_ALIGNED)
+        motion = pin.getFrameVelocity(self._model, self._commanded_pass(), frame, pin.LOCAL_WORLD_ALIGNED)
         return motion.linear.copy()
 
     def jacobian(self, name: str) -> Array:
@@ -115,6 +114,20 @@ class RobotState:
                 self.forces[frame] += self._force_gain * (force - self.forces[frame])
             else:
                 self.forces[frame] = force
+
+    def _measured_pass(self) -> pin.Data:
+        """Forward kinematics at the measured joints."""
+        if not self._measured_fresh:
+            pin.forwardKinematics(self._model, self._measured, self._q, self._v)
+            self._measured_fresh = True
+        return self._measured
+
+    def _commanded_pass(self) -> pin.Data:
+        """Forward kinematics at the commanded joints."""
+        if not self._commanded_fresh:
+            pin.forwardKinematics(self._model, self._commanded, self._q_command, self._v_command)
+            self._commanded_fresh = True
+        return self._commanded
 
     def _model_jacobian(self, name: str) -> Array:
         if not self._jacobians_fresh:

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.actions import Action, ActionTable
-from daemon.exchange import MAX_HOLDS, Flag, StateWriter
+from daemon.exchange import MAX_HOLDS, ActionState, Flag, StateWriter
 from daemon.life import Life
 from daemon.manager import ControllerManager
 from daemon.orders import Orders
 from daemon.robot_state import RobotState
 from hal.can.counting import BUSY_NS, RECEIVED, SENT
 from hal.hardware import Hardware
-from hal.joint import JointCommand
+from hal.joint import MEASURED, JointCommand
 
+# Fields of the snapshot that lie side by side and are written as one.
 _COUNTS = ("misses", "stale_replies", "crc_errors", "limited", "work_ns", "late_ns")
-"""Fields of the snapshot that lie side by side and are written as one."""
+_TRAFFIC = ("frames_sent", "frames_received", "busy_ns")
+assert (SENT, RECEIVED, BUSY_NS) == (0, 1, 2), "the columns of a port's counters, in the order of _TRAFFIC"
+_HELD = int(Flag.HELD)
 
 
 class SnapshotWriter:
@@ -36,28 +38,24 @@ class SnapshotWriter:
         self._hardware, self._robot, self._manager = hardware, robot, manager
         self._life, self._actions, self._orders = life, actions, orders
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
-        self._written: list[tuple[int, int] | None] = [None] * len(self._slots)
+        self._written: list[tuple[int, ActionState] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
         state, record = hardware.state, self._record
         # Field views, made once: a field access on a numpy record costs more than the copy.
         self._copies = [
-            (record["position"], state.position),
-            (record["velocity"], state.velocity),
-            (record["torque"], state.torque),
+            (_side_by_side(record, MEASURED), state.table),
             (record["status"], state.status),
             (record["error"], state.error),
-            (record["temperature"], state.temperature),
             (record["age"], state.age),
-            (record["frames_sent"], hardware.counters[:, SENT]),
-            (record["frames_received"], hardware.counters[:, RECEIVED]),
-            (record["busy_ns"], hardware.counters[:, BUSY_NS]),
+            (_side_by_side(record, _TRAFFIC), hardware.counters.T),
             (record["claims"], manager.claims),
         ]
         self._command, self._mode = record["command"], record["mode"]
-        self._external_force = record["external_force"]
+        self._external_force, self._felt = record["external_force"], False
         self._when = _side_by_side(record, ("cycle", "time_ns"))
         self._counts = _side_by_side(record, _COUNTS)
         self._flags = record["flags"]
+        self._path_force, self._progress = record["actions"]["path_force"], record["actions"]["progress"]
 
     def publish(
         self,
@@ -76,14 +74,14 @@ class SnapshotWriter:
         """
         for field, values in self._copies:
             field[...] = values
-        rows = (written.position, written.velocity, written.torque, written.stiffness, written.damping)
-        for number, row in enumerate(rows):
-            self._command[number] = row
+        self._command[...] = written.table
         self._mode[...] = written.mode
         forces = self._robot.forces
-        self._external_force[...] = next(iter(forces.values())) if forces else 0.0
+        if forces or self._felt:
+            self._felt = bool(forces)
+            self._external_force[...] = next(iter(forces.values())) if forces else 0.0
 
-        flags = int(self._life.flags | (Flag.HELD if holding else Flag(0)))
+        flags = self._life.flags | (_HELD if holding else 0)
         self._flags[...] = flags
         self._when[:] = cycle, time_ns
         self._counts[:] = misses, self._hardware.stale_replies, self._hardware.crc_errors, limited, work_ns, late_ns
@@ -108,23 +106,27 @@ class SnapshotWriter:
         for number, action in enumerate(self._actions.slots):
             if action is None:
                 continue
-            row = self._slots[number]
-            row["path_force"] = action.controller.path_force
-            row["progress"] = action.controller.clock.s
-            mark = (action.serial, int(action.state))
+            mark = (action.serial, action.state)
+            if action.alive or mark != self._written[number]:
+                self._path_force[number] = action.controller.path_force
+                self._progress[number] = action.controller.clock.s
             if mark != self._written[number]:
                 self._written[number] = mark
+                row = self._slots[number]
                 _fill(row, action, time_ns)
                 row["position"], row["command"] = self._robot.joints.position, written.position
                 changed = True
         return changed
 
 
-def _side_by_side(record: np.ndarray, names: tuple[str, ...]) -> NDArray[np.int64]:
-    """One array over int64 fields of a record that follow each other without a gap."""
-    offsets = [record.dtype.fields[name][1] for name in names]  # type: ignore[index]
-    assert offsets == [offsets[0] + 8 * place for place in range(len(names))], f"{names} do not lie side by side"
-    return record.reshape(1).view(np.uint8)[offsets[0] : offsets[0] + 8 * len(names)].view(np.int64)
+def _side_by_side(record: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """One array (names, ...) over fields of a record that are alike and follow each other without a gap."""
+    fields = record.dtype.fields
+    assert fields is not None
+    kind, first = fields[names[0]][:2]
+    for place, name in enumerate(names):
+        assert fields[name][:2] == (kind, first + place * kind.itemsize), f"{names} do not lie side by side"
+    return np.ndarray((len(names), *kind.shape), kind.base, record.reshape(1).view(np.uint8).data, first)
 
 
 def _fill(row: object, action: Action, time_ns: int) -> None:

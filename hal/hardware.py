@@ -82,7 +82,7 @@ class Hardware:
         self._controlwords = np.zeros(n, np.uint8)
         self._drive_state = np.zeros(n, np.uint8)
         self._lost = self._silent = 0
-        self._finish_read()
+        self._survey()
         self._out = frames.empty(len(description.limbs) + len(description.channels))
 
     def representable_gains(
@@ -120,36 +120,36 @@ class Hardware:
         """
         if not self._asked:
             return True
-        state = self.state
-        expected = state.age < LOST_AFTER
-        state.age += 1
-        good = self._receive(wait_s)
-        if wait_s > 0.0:
-            if not good:
-                state.age -= 1
-                return False
-            while (state.age[expected] > 0).any() and self._receive(_GATHER_S):
-                pass
-        self._finish_read()
+        self.state.age += 1
+        if not self._receive(wait_s) and wait_s > 0.0:
+            self.state.age -= 1
+            return False
+        late = self._survey()
+        while late and wait_s > 0.0 and self._receive(_GATHER_S):
+            late = self._survey()
+        self.stale_replies += late
         return True
 
     def give_up(self) -> None:
         """Nobody answered for so long that every drive counts as lost."""
         self.state.age += LOST_AFTER + 1
-        self._finish_read()
+        self._survey()
 
     def _receive(self, wait_s: float) -> int:
+        """Take in what has arrived; replies that were good."""
         records = self._port.receive(wait_s)
-        if len(records):
-            self.bus_time_ns = int(records["time_ns"][0])
+        if not len(records):
+            return 0
+        self.bus_time_ns = int(records["time_ns"][0])
         good, bad = self._protocol.decode_status(records, len(records), self.state)
         self.crc_errors += bad
         return good
 
-    def _finish_read(self) -> None:
+    def _survey(self) -> int:
+        """Look at every drive's age and status; drives whose reply is late but that are not lost."""
         state = self.state
-        stale, self._lost, self._silent = _survey(state.age, state.status, STATE_OF_STATUSWORD, self._drive_state)
-        self.stale_replies += stale
+        late, self._lost, self._silent = _survey(state.age, state.status, STATE_OF_STATUSWORD, self._drive_state)
+        return late
 
     def write(self, command: JointCommand | None, cycle: int) -> None:
         """Write one cycle's frames and Sync, as one datagram where the bus takes one.

@@ -153,13 +153,13 @@ def snapshot_dtype(joints: int, channels: int) -> np.dtype:
             ("position", "f8", n),
             ("velocity", "f8", n),
             ("torque", "f8", n),
+            ("temperature", "f8", n),
             ("command", "f8", (len(COMMAND_ROWS), n)),
             ("mode", "u1", n),
             ("claims", "u1", n),  # index into CONTROLLERS
             ("external_force", "f8", 3),
             ("status", "u2", n),  # CiA 402 statusword
             ("error", "u1", n),
-            ("temperature", "f4", n),
             ("age", "i4", n),  # cycles since the drive's last valid reply
             ("flags", "u4"),
             ("stop_reason", "S256"),  # UTF-8

@@ -180,7 +180,7 @@ def test_a_command_that_is_no_number_ends_its_action_in_a_hold(bench, monkeypatc
     bench.enable()
     bench.start(bench.move("arm_right_1_joint", 0.3))
     bench.run(50)
-    controller = next(bench.loop.actions.running()).controller
+    controller = bench.loop.actions.running()[0].controller
     monkeypatch.setattr(controller, "update", lambda robot, out: out.torque.__setitem__(controller.joints, np.nan))
     before = bench.loop.written.position.copy()
     snapshot = bench.run(1)

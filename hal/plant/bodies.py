@@ -13,8 +13,13 @@ _STEEL, _PAINT, _MARK = "0.55 0.57 0.6 1", "0.75 0.16 0.12 1", "0.95 0.8 0.2 1"
 
 
 def object_urdf(name: str, thing: SceneObject) -> str:
-    """One object as a body whose base is fixed at the object's pose."""
+    """One object as a body whose base is at the object's pose, and fixed there unless it `is_loose`."""
     return _wheel(name, thing) if isinstance(thing, Wheel) else _box(name, thing)
+
+
+def is_loose(thing: SceneObject) -> bool:
+    """The object can be carried away."""
+    return isinstance(thing, Box) and thing.mass is not None
 
 
 def _inertial(mass: float, xx: float, yy: float, zz: float) -> str:
@@ -31,8 +36,10 @@ def _shape(geometry: str, origin: str, colour: str) -> str:
 
 def _box(name: str, box: Box) -> str:
     size = " ".join(map(repr, box.size))
+    mass, (x, y, z) = box.mass or 1.0, box.size
+    inertial = _inertial(mass, mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
     shape = _shape(f'<box size="{size}"/>', "", _STEEL)
-    return f'<robot name="{name}"><link name="base">{_inertial(1, 1, 1, 1)}{shape}</link></robot>'
+    return f'<robot name="{name}"><link name="base">{inertial}{shape}</link></robot>'
 
 
 def _wheel(name: str, wheel: Wheel) -> str:

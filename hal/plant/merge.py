@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,7 +112,7 @@ class Merged:
     """What a merge gave."""
 
     root: ET.Element
-    """the URDF with moving joints only"""
+    """the URDF with moving joints, and the fixed ones that were kept, only"""
     home: dict[str, tuple[str, np.ndarray]]
     """every link of the original → the link that carries it now, and its pose (4, 4) in that link's frame"""
 
@@ -132,8 +133,10 @@ def root_link(robot: ET.Element) -> str:
     return roots.pop()
 
 
-def merge_fixed_links(robot: ET.Element) -> Merged:
+def merge_fixed_links(robot: ET.Element, keep: Collection[str] = ()) -> Merged:
     """A URDF in which every joint moves, with the same dynamics, shapes and joints. `robot` is not changed.
+
+    `keep`: links that stay links of their own although a fixed joint carries them (a force-torque sensor is cut there).
 
     Each link that is left keeps its name and frame; visual and collision shapes move with their links. What a joint carries
     besides type, origin, parent, child, axis and limit is dropped: friction and damping are the actuators' business here.
@@ -160,7 +163,7 @@ def merge_fixed_links(robot: ET.Element) -> Merged:
                 into.append(copy)
         for joint in below.get(name, []):
             at = placement @ origin_of(joint)
-            if joint.get("type") == "fixed":
+            if joint.get("type") == "fixed" and _end(joint, "child") not in keep:
                 body = absorb(_end(joint, "child"), into, at, body)
             else:
                 moving = ET.Element("joint", name=joint.get("name", ""), type=joint.get("type", ""))

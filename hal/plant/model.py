@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from hal.plant.merge import merge_fixed_links
+from hal.plant.merge import Merged, merge_fixed_links
 from handrail.robot.description import RobotDescription
 from handrail.robot.urdf import cache_folder
 
@@ -29,14 +29,31 @@ _CONTACT_JOINTS = 4
 
 
 def contact_links(description: RobotDescription) -> set[str]:
-    """The merged links that collide: of every arm, those that its last four joints move (forearm, wrist, tool)."""
+    """The merged links that collide: of every arm, those that its last four joints move (forearm, wrist, tool), and of every
+    gripper those that it moves; of a robot with a free base whatever ends a chain too, since it stands on some of them."""
+    robot = ET.parse(description.urdf).getroot()
     joints = {joint for arm in description.arms.values() for joint in arm.joints[-_CONTACT_JOINTS:]}
-    links = set()
-    for joint in ET.parse(description.urdf).getroot().findall("joint"):
-        child = joint.find("child")
-        if joint.get("name") in joints and child is not None:
+    joints |= {*description.device_limits, *description.mimics}
+    links: set[str] = set()
+    parents = set()
+    for joint in _merged(description, robot).root.findall("joint"):
+        parent, child = (joint.find(end) for end in ("parent", "child"))
+        assert parent is not None and child is not None  # merging read them
+        parents.add(parent.get("link", ""))
+        if joint.get("name") in joints or (parent.get("link") in links and joint.get("type") == "fixed"):
             links.add(child.get("link", ""))
+    if description.base == "free":
+        links |= {link.get("name", "") for link in robot.findall("link")} - parents
     return links
+
+
+def _merged(description: RobotDescription, robot: ET.Element) -> Merged:
+    return merge_fixed_links(robot, [d.link for d in description.devices if d.family == "force_torque"])
+
+
+def carriers(description: RobotDescription) -> dict[str, tuple[str, np.ndarray]]:
+    """Every link of the robot → the link of the prepared URDF that carries it, and its pose (4, 4) in that link's frame."""
+    return _merged(description, ET.parse(description.urdf).getroot()).home
 
 
 def prepare(description: RobotDescription, *, visual: bool = False) -> Path:
@@ -45,7 +62,7 @@ def prepare(description: RobotDescription, *, visual: bool = False) -> Path:
     `visual`: with the robot's looks, for pictures; the plant itself does without. Raises FileNotFoundError for a mesh that is
     not there, ValueError for a URDF or mesh that can't be used.
     """
-    robot = merge_fixed_links(ET.parse(description.urdf).getroot()).root
+    robot = _merged(description, ET.parse(description.urdf).getroot()).root
     _drop_shapes(robot, contact_links(description), visual)
     folder = cache_folder() / f"plant-{description.name}-{_content_hash(robot)}"
     if not folder.is_dir():

@@ -62,7 +62,7 @@ class Wheel(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tru
 
 
 class Box(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True, tag_field="kind", tag="box"):
-    """Something that doesn't move: a wall, a table."""
+    """Something that doesn't move: a wall, a table; or, with a mass, something loose that can be picked up."""
 
     pose_in_world: _PoseFile
     size: tuple[
@@ -71,6 +71,8 @@ class Box(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True,
         Annotated[float, msgspec.Meta(gt=0, le=20)],
     ]
     """m, along its axes"""
+    mass: Annotated[float, msgspec.Meta(ge=0.001, le=1000)] | None = None
+    """kg; none: it is fixed where it is"""
     friction: Friction = 0.6
 
 

@@ -151,6 +151,7 @@ def warm_up(description: RobotDescription, objects: Scene) -> None:
     warm = World(description, objects)
     warm.drives.command(JointCommand(len(description.joints)))
     warm.advance(4)
+    warm.devices.measure()
     warm.truth()
     warm.close()
 

@@ -3,7 +3,8 @@
 `World` is the physics alone, stepped by whoever holds it, so that tests can drive it without a bus. As a process
 (`python -m hal.plant.world --robot NAME --scene FILE_OR_NAME --clock lockstep|wall --runtime DIR`) it is `hal.plant.service`.
 
-The world's frame is the robot's fixed base. A step is 1 ms; the firmware runs five times in it.
+The world's frame is the robot's fixed base, or where a free one is at the start. A step is 1 ms; the
+firmware runs five times in it.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from hal.plant.actuator import FIRMWARE_HZ, Actuators, springs_for
-from hal.plant.bodies import HINGE, object_urdf
+from hal.plant.bodies import HINGE, is_loose, object_urdf
 from hal.plant.bullet import pybullet as p
+from hal.plant.devices import DevicePlant
 from hal.plant.drive_node import STEP_NS, DriveNodes
-from hal.plant.model import prepare
+from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.scene import EMPTY, Scene, Wheel
-from handrail.messages import GroundTruth
+from hal.plant.sensors import GRAVITY
+from handrail.messages import GroundTruth, Pose
 from handrail.robot.description import RobotDescription
 
 _STEP = STEP_NS * 1e-9
@@ -29,7 +32,9 @@ _FIRMWARE_CYCLES = round(FIRMWARE_HZ * _STEP)
 _BRAKE_RESERVE, _BRAKE_GAIN = 3.0, 0.2
 # Contacts are looked at every so many steps: a push lasts longer, and looking costs as much as the firmware.
 _CONTACT_STEPS = 4
-_ROBOT_FRICTION = 0.6
+# What a gantry holds a robot with, N and N·m.
+_GANTRY_FORCE = 1e5
+_FLOOR_FRICTION = 1.0
 
 
 class World:
@@ -53,13 +58,22 @@ class World:
         self.peak_contact_force = dict.fromkeys(scene.objects, 0.0)
         """object → N, the largest so far"""
         self._client = p.connect(p.DIRECT)
-        p.setGravity(0, 0, -9.81, physicsClientId=self._client)
+        p.setGravity(0, 0, -GRAVITY, physicsClientId=self._client)
         p.setTimeStep(_STEP, physicsClientId=self._client)
         p.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self._client)
-        self._robot, self._rows = self._load_robot(visual)
+        self.robot = RobotBody(description, self._client, visual=visual)
+        self._robot = self.robot.number
+        self._rows = [self.robot.joints[joint] for joint in description.joints]
+        for joint, angle in zip(description.joints, self.position, strict=True):
+            self.robot.place(joint, angle)
+        self._gantry = self._hang() if description.support == "gantry" else None
+        if description.floor is not None:
+            self._lay_floor(description.floor)
         self._objects = {name: self._load_object(name) for name in scene.objects}
         self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
+        self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
         self.drives = DriveNodes(description, Actuators(springs_for(description.torque_limit)))
+        self.devices = DevicePlant(self.robot, self.drives, self.velocity, lambda: self.time_ns)
         self.drives.actuators.relax(self.position)
         self.drives.actuators.set_position_gains(description.stiffness, self._damping())
         self._braked = np.zeros(len(self.position), np.bool_)
@@ -75,29 +89,33 @@ class World:
         """Simulated time since the start."""
         return self.steps * STEP_NS
 
-    def _load_robot(self, visual: bool) -> tuple[int, list[int]]:
-        urdf = prepare(self.description, visual=visual)
-        robot = p.loadURDF(
-            str(urdf), useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client
+    def _hang(self) -> int:
+        """Hold the free base where it is, as a gantry with a harness of steel does."""
+        centre, _ = self.robot.base_inertial
+        gantry = p.createConstraint(
+            self._robot,
+            BASE,
+            -1,
+            BASE,
+            p.JOINT_FIXED,
+            (0, 0, 0),
+            (0, 0, 0),
+            centre.tolist(),
+            physicsClientId=self._client,
         )
-        infos = [
-            p.getJointInfo(robot, i, physicsClientId=self._client) for i in range(p.getNumJoints(robot, self._client))
-        ]
-        by_name = {info[1].decode(): info[0] for info in infos}
-        rows = [by_name[joint] for joint in self.description.joints]
-        for row, position in zip(rows, self.position, strict=True):
-            p.resetJointState(robot, row, position, physicsClientId=self._client)
-        for link in range(-1, len(infos)):
-            p.changeDynamics(
-                robot,
-                link,
-                jointDamping=0,
-                linearDamping=0,
-                angularDamping=0,
-                lateralFriction=_ROBOT_FRICTION,
-                physicsClientId=self._client,
-            )
-        return robot, rows
+        p.changeConstraint(gantry, maxForce=_GANTRY_FORCE, physicsClientId=self._client)
+        return gantry
+
+    def release(self) -> None:
+        """Let a robot with a free base down from its gantry: from now on it stands, or falls, by itself."""
+        if self._gantry is not None:
+            p.removeConstraint(self._gantry, physicsClientId=self._client)
+            self._gantry = None
+
+    def _lay_floor(self, height: float) -> None:
+        plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=self._client)
+        floor = p.createMultiBody(0, plane, basePosition=(0, 0, height), physicsClientId=self._client)
+        p.changeDynamics(floor, BASE, lateralFriction=_FLOOR_FRICTION, physicsClientId=self._client)
 
     def _load_object(self, name: str) -> int:
         thing, pose = self.scene.objects[name], self.scene.poses_in_world[name]
@@ -108,7 +126,7 @@ class World:
                 str(file),
                 pose.position,
                 pose.orientation,
-                useFixedBase=True,
+                useFixedBase=not is_loose(thing),
                 flags=p.URDF_USE_INERTIA_FROM_FILE,
                 physicsClientId=self._client,
             )
@@ -137,16 +155,17 @@ class World:
 
     def _damping(self) -> np.ndarray:
         """N·m·s/rad (n,): what fits the description's stiffness here, D = 2 ζ sqrt(K sqrt(M_ii / (M⁻¹)_ii))."""
-        configuration = np.zeros(len(self._rows))
-        configuration[self._rows] = self.position
-        mass = np.array(p.calculateMassMatrix(self._robot, configuration.tolist(), physicsClientId=self._client))
-        mass = mass[np.ix_(self._rows, self._rows)]
+        joints = self.description.joints
+        mass = self.robot.mass_matrix(dict(zip(joints, self.position.tolist(), strict=True)))
+        rows = [self.robot.dofs[joint] for joint in joints]
+        mass = mass[np.ix_(rows, rows)]
         inertia = np.sqrt(np.diag(mass) / np.diag(np.linalg.inv(mass)))
         return 2.0 * self.description.damping_ratio * np.sqrt(self.description.stiffness * inertia)
 
     def step(self) -> None:
         """Go on by 1 ms."""
         drives, client = self.drives, self._client
+        self.devices.work_power()
         torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
         if drives.brakes_moved:
             self._work_brakes()
@@ -220,12 +239,27 @@ class World:
         """What is really the case, now."""
         return GroundTruth(
             time_ns=self.time_ns,
-            joints=dict(zip(self.description.joints, self.position.tolist(), strict=True)),
+            joints=self._all_joints(),
             hinges={name: self.hinge_angle(name) for name in self._hinges},
-            poses_in_world=self.scene.poses_in_world,
+            poses_in_world={
+                **self.scene.poses_in_world,
+                **{name: self._pose(body) for name, body in self._loose.items()},
+            },
             contact_force=dict(self.contact_force),
             peak_contact_force=dict(self.peak_contact_force),
         )
+
+    def _all_joints(self) -> dict[str, float]:
+        """Joint → rad or m; after the drives' own those that grippers move."""
+        joints = dict(zip(self.description.joints, self.position.tolist(), strict=True))
+        for gripper in self.devices.grippers.values():
+            for joint in (gripper.joint, *gripper.followers):
+                joints[joint] = p.getJointState(self._robot, self.robot.joints[joint], physicsClientId=self._client)[0]
+        return joints
+
+    def _pose(self, body: int) -> Pose:
+        position, orientation = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        return Pose(position=position, orientation=orientation)
 
     def close(self) -> None:
         """Free the physics."""

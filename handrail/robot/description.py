@@ -145,6 +145,8 @@ class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     allowed_collision_pairs: list[tuple[str, str]] = []
     home: dict[str, dict[str, float]]
     base: Literal["fixed", "free"] = "fixed"
+    support: Literal["gantry", "none"] = "none"
+    floor: float | None = None
     actuators: dict[str, Actuator] = {}
     parallel_pairs: list[ParallelPair] = []
     cameras: list[Camera] = []
@@ -232,6 +234,10 @@ class RobotDescription:
     watchdog_cycles: int
     allowed_collision_pairs: tuple[tuple[str, str], ...]
     base: Literal["fixed", "free"]
+    support: Literal["gantry", "none"]
+    """what holds a free base at first, in the plant"""
+    floor: float | None
+    """m, height of the plant's floor below the base's frame at the start; none: there is no floor"""
     devices: tuple[Device, ...]
     """in the order of robot.yaml"""
     mimics: dict[str, Mimic]
@@ -341,6 +347,8 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         watchdog_cycles=file.control.watchdog_cycles,
         allowed_collision_pairs=tuple(file.allowed_collision_pairs),
         base=file.base,
+        support=file.support,
+        floor=file.floor,
         devices=devices,
         mimics=mimics,
         device_limits={device.joint: limits[device.joint] for device in devices if device.joint},

@@ -30,17 +30,22 @@ def _configurations(robot, count=30):
 
 
 def _bullet(robot, infos, position):
-    by_name = {info[1].decode(): info[0] for info in infos}
+    """PyBullet's rows of the joints in vectors of velocities, and the configuration."""
+    by_name = {info[1].decode(): info[4] - 6 for info in infos}
     rows = np.array([by_name[joint] for joint in robot.joints])
     configuration = np.zeros(len(rows))
     configuration[rows] = position
     return rows, configuration.tolist()
 
 
-def test_only_the_robots_moving_joints_are_left(robot, loaded):
+def test_only_the_robots_moving_joints_and_its_wrist_sensors_are_left(robot, loaded):
     _, _, infos = loaded
-    assert {info[1].decode() for info in infos} == set(robot.joints)
-    assert all(info[2] == p.JOINT_REVOLUTE for info in infos)
+    moving = {info[1].decode() for info in infos if info[2] == p.JOINT_REVOLUTE}
+    assert moving == set(robot.joints)
+    assert {info[12].decode() for info in infos if info[1].decode() not in moving} == {
+        "wrist_left_ft_link",
+        "wrist_right_ft_link",
+    }
 
 
 def test_the_mass_matrix_agrees_with_pinocchio(robot, kinematics, loaded):
@@ -63,9 +68,9 @@ def test_gravity_agrees_with_pinocchio(robot, kinematics, loaded):
 def test_every_links_pose_agrees_with_pinocchio(robot, kinematics, loaded):
     client, body, infos = loaded
     for position in _configurations(robot, 10):
-        rows, _ = _bullet(robot, infos, position)
-        for row, angle in zip(rows, position, strict=True):
-            p.resetJointState(body, row, angle, physicsClientId=client)
+        by_name = {info[1].decode(): info[0] for info in infos}
+        for joint, angle in zip(robot.joints, position, strict=True):
+            p.resetJointState(body, by_name[joint], angle, physicsClientId=client)
         for info in infos:
             state = p.getLinkState(body, info[0], computeForwardKinematics=True, physicsClientId=client)
             expected = kinematics.frame(position, info[12].decode())
@@ -78,7 +83,8 @@ def test_every_links_pose_agrees_with_pinocchio(robot, kinematics, loaded):
 def test_forearms_wrists_and_tools_collide_and_nothing_else(robot, loaded):
     client, body, infos = loaded
     colliding = {info[12].decode() for info in infos if p.getCollisionShapeData(body, info[0], physicsClientId=client)}
-    assert colliding == {f"arm_{side}_{number}_link" for side in ("left", "right") for number in (4, 5, 6, 7)}
+    arms = {f"arm_{side}_{number}_link" for side in ("left", "right") for number in (4, 5, 6, 7)}
+    assert colliding == arms | {"wrist_left_ft_link", "wrist_right_ft_link"}
     assert not p.getCollisionShapeData(body, -1, physicsClientId=client)
 
 

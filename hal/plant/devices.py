@@ -1,0 +1,103 @@
+"""The nodes of the robot that are no joints, as the bus sees them: sensors, grippers, power; rows as `description.devices`.
+
+A device of a family that the plant does not know measures zeros and follows nothing: whoever brings a family of his own
+brings its firmware as a process on the bus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from hal.device import DeviceState
+from hal.drives.lifecycle import DriveError, State
+from hal.plant.hands import Gripper
+from hal.plant.power import Battery
+from hal.plant.robot_body import RobotBody
+from hal.plant.sensors import ForceTorque, Imu
+
+if TYPE_CHECKING:
+    from hal.plant.drive_node import DriveNodes
+
+
+class DevicePlant:
+    """All devices of one robot in a world. `state` is what was last measured, in hal.device's columns."""
+
+    def __init__(
+        self, body: RobotBody, drives: DriveNodes, velocity: npt.NDArray[np.float64], clock: Callable[[], int]
+    ):
+        """`velocity`: the array (n,) in which the world keeps the joints' velocities, rad/s; `clock`: its time, ns.
+
+        Raises ValueError for a force-torque sensor on a link that can't have one.
+        """
+        self.devices = body.description.devices
+        self.state = DeviceState(len(self.devices))
+        self.grippers: dict[int, Gripper] = {}
+        """row → gripper"""
+        self.batteries: dict[int, Battery] = {}
+        """row → battery. A drive has power while all of them give it"""
+        self._imus: dict[int, Imu] = {}
+        self._wrists: dict[int, ForceTorque] = {}
+        self._drives = drives
+        self._velocity, self._clock = velocity, clock
+        self._powered = self._had_power = True
+        for row, device in enumerate(self.devices):
+            match device.family:
+                case "imu":
+                    self._imus[row] = Imu(body, device.link)
+                case "force_torque":
+                    self._wrists[row] = ForceTorque(body, device.link)
+                case "gripper":
+                    self.grippers[row] = Gripper(body, device.joint)
+                case "power":
+                    self.batteries[row] = Battery()
+
+    @property
+    def powered(self) -> bool:
+        """The drives have power."""
+        return self._powered
+
+    def _look_at_power(self) -> None:
+        self._powered = all(battery.powered for battery in self.batteries.values())
+
+    def measure(self) -> DeviceState:
+        """Measure everything, as the world stands now. Returns `state`."""
+        state, time_ns = self.state, self._clock()
+        actuators = self._drives.actuators
+        for row, imu in self._imus.items():
+            imu.measure(time_ns, state.values[row])
+        for row, wrist in self._wrists.items():
+            wrist.measure(state.values[row])
+        for row, gripper in self.grippers.items():
+            gripper.measure(time_ns, state.values[row])
+        for row, battery in self.batteries.items():
+            battery.draw(time_ns, float(actuators.spring_torque @ self._velocity), actuators.current)
+            battery.measure(state.values[row])
+            self._look_at_power()
+        state.measured_ns[:] = time_ns
+        state.age[:] = 0
+        return state
+
+    def command(self, row: int, values: npt.NDArray[np.float64]) -> None:
+        """Let one device follow hal.device's commanded columns."""
+        if row in self.grippers:
+            self.grippers[row].command(values, self.powered)
+        elif row in self.batteries:
+            self.batteries[row].relay = bool(values[0] >= 0.5)
+            self._look_at_power()
+
+    def work_power(self) -> None:
+        """Once a step: drives without power fault, and go on doing so until it is back."""
+        powered, drives = self._powered, self._drives
+        if powered and self._had_power:
+            return
+        if not powered:
+            for row in np.flatnonzero((drives.error != DriveError.UNDERVOLTAGE) | (drives.state != State.FAULT)):
+                drives.fail(int(row), DriveError.UNDERVOLTAGE)
+        if powered != self._had_power:
+            self._had_power = powered
+            for gripper in self.grippers.values():
+                gripper.regain_power() if powered else gripper.lose_power()

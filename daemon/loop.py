@@ -36,11 +36,12 @@ from daemon.safety.limits import Limits, enforce, first_not_finite
 from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
-from hal.can.port import BusLost, open_port
+from hal.can.port import BusLost, HubPort, open_port
 from hal.drives.limb_fd import LimbProtocol
 from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand, JointState
 from hal.realtime import RealTime, sleep_then_spin_until
+from hal.shared_core import SharedCore
 from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.kinematics import Kinematics
@@ -61,12 +62,20 @@ OFF_BY_LIMITS = 0.02
 class Loop:
     """The daemon's cycle, and the parts that it moves."""
 
-    def __init__(self, hardware: Hardware, kinematics: Kinematics, lockstep: bool, runtime: Runtime):
+    def __init__(
+        self,
+        hardware: Hardware,
+        kinematics: Kinematics,
+        lockstep: bool,
+        runtime: Runtime,
+        core: SharedCore | None = None,
+    ):
+        """`core`: shared with the plant, with which the loop takes turns in lock-step; None: wherever the kernel wants."""
         description = kinematics.description
         n, period = len(description.joints), description.period_ns * 1e-9
         damping = joint_damping(kinematics, description.home_position())
         gains = Gains(*hardware.representable_gains(description.stiffness, damping))
-        self.hardware, self.lockstep, self.period_ns = hardware, lockstep, description.period_ns
+        self.hardware, self.lockstep, self.period_ns, self.core = hardware, lockstep, description.period_ns, core
         self.robot = RobotState(kinematics, hardware.state, period)
         self.manager = ControllerManager(self.robot, gains)
         self.actions = ActionTable(self.manager, self.robot)
@@ -189,6 +198,8 @@ class Loop:
         while not self.ending:
             self.cycle()
             self.wait_while_held()
+            if self.core is not None:
+                self.core.look()
 
     def wait_while_held(self) -> None:
         """Between two cycles, as long as somebody holds time: only stop socket and mailbox are served."""
@@ -229,6 +240,8 @@ class Loop:
             self.hardware.goal = Goal.QUICK_STOP
             with contextlib.suppress(BusLost):  # then the drives' own watchdogs do it
                 self.hardware.write(None, self.cycles)
+        if self.core is not None:
+            self.core.close()
         for part in (self.hardware, self.stop_socket, self.doorbell, self.server):
             part.close()
 
@@ -259,8 +272,9 @@ def main(arguments: list[str] | None = None) -> int:
         description, runtime = robots.load(given.robot), Runtime.at(given.runtime)
         kinematics, protocol = Kinematics(description), LimbProtocol(description)
         warm_up(kinematics)
-        hardware = Hardware(description, open_port(description, runtime, name="daemon"), protocol)
-        loop = Loop(hardware, kinematics, given.clock == "lockstep", runtime)
+        port, lockstep = open_port(description, runtime, name="daemon"), given.clock == "lockstep"
+        core = SharedCore(port.hub_process) if lockstep and isinstance(port, HubPort) else None
+        loop = Loop(Hardware(description, port, protocol), kinematics, lockstep, runtime, core)
         signal.signal(signal.SIGTERM, loop.end)
         signal.signal(signal.SIGINT, loop.end)
         try:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import select
+import socket
+import struct
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -138,6 +140,11 @@ class HubPort:
         self.lost += lost
         count_frames(self._buffer, n, self._bitrates, RECEIVED, self.counters)
         return self._records[:n]
+
+    @property
+    def hub_process(self) -> int:
+        """Id of the hub's process (unix(7), SO_PEERCRED)."""
+        return int(struct.unpack("3i", self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0])
 
     def fileno(self) -> int:
         """Readable when frames wait."""

@@ -7,6 +7,7 @@ polled with controlwords that take them, one transition a cycle, to where `goal`
 from __future__ import annotations
 
 import enum
+import time
 from typing import Protocol
 
 import numpy as np
@@ -79,6 +80,7 @@ class Hardware:
         self._watchdog = description.watchdog_cycles
         self._sequence = 0
         self._asked = False
+        self._ticks_due = 0
         self._controlwords = np.zeros(n, np.uint8)
         self._drive_state = np.zeros(n, np.uint8)
         self._lost = self._silent = 0
@@ -115,18 +117,29 @@ class Hardware:
     def read(self, wait_s: float = 0.0) -> bool:
         """Take in the replies that have arrived, once a cycle.
 
-        `wait_s` > 0 (lock-step): wait at most so long for the first reply to what was last written, then for those of all
-        drives that are not lost. False when none came: call again, or `give_up`. Raises hal.can.port.BusLost.
+        `wait_s` > 0 (lock-step): wait at most so long for the plant's word that the cycle is over, or where nobody gives it
+        (hal.can.frames.TICK) for the first reply to what was last written, then for those of all drives that are not lost.
+        False when nothing came: call again, or `give_up`. Raises hal.can.port.BusLost.
         """
         if not self._asked:
             return True
         self.state.age += 1
-        if not self._receive(wait_s) and wait_s > 0.0:
-            self.state.age -= 1
-            return False
+        good = self._receive(wait_s)
         late = self._survey()
-        while late and wait_s > 0.0 and self._receive(_GATHER_S):
-            late = self._survey()
+        if wait_s > 0.0 and late:
+            # A plant that has once told when its cycles end always does: what is not there by then will not come.
+            told = self._ticks > 0
+            gives_up = time.monotonic() + wait_s
+            while told and late and self._ticks < self._ticks_due and time.monotonic() < gives_up:
+                good += self._receive(wait_s)
+                late = self._survey()
+            if not good and not (told and self._ticks >= self._ticks_due):
+                self.state.age -= 1
+                return False
+            while late and not told and self._receive(_GATHER_S):
+                late = self._survey()
+            if late and told and self._ticks < self._ticks_due:
+                self._ticks_due = self._ticks  # a word of the plant's was lost: count anew
         self.stale_replies += late
         return True
 
@@ -134,6 +147,11 @@ class Hardware:
         """Nobody answered for so long that every drive counts as lost."""
         self.state.age += LOST_AFTER + 1
         self._survey()
+
+    @property
+    def _ticks(self) -> int:
+        """How often a plant in lock-step said that a cycle is over; only the virtual bus carries that."""
+        return getattr(self._port, "ticks", 0)
 
     def _receive(self, wait_s: float) -> int:
         """Take in what has arrived; replies that were good."""
@@ -164,6 +182,7 @@ class Hardware:
             self._next_controlwords()
             count = self._protocol.encode_control(self._controlwords, self._sequence, out)
         count += self._protocol.encode_sync(cycle, out[count:])
+        self._ticks_due += 1
         self._port.send(out[:count])
         self._asked = True
 

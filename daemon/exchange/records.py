@@ -93,7 +93,7 @@ class Answer(enum.IntEnum):
     MALFORMED = 10
 
 
-CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance")
+CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this joint."""
 
 _END = np.dtype([("kind", "u1"), ("has_axis", "u1"), ("frame", "i2"), ("value", "f8"), ("axis", "f8", 3)], align=True)

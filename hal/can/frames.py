@@ -49,6 +49,8 @@ REMOTE = 16
 """Flag: a remote request (classic CAN only); `length` is the length asked for."""
 LOST = 128
 """Flag: no frame but the hub's notice that `can_id` frames for this listener were dropped here, since it read too slowly."""
+TICK = 64
+"""Flag: no frame but the plant's notice, in lock-step, that a cycle is over: all that was said in it came before this."""
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Data lengths that a DLC of 0..15 stands for (ISO 11898-1, table 5)."""

@@ -31,7 +31,7 @@ from hal.can.arbitration import admit, arbitrate, by_priority
 from hal.can.arbitration import select as select_records
 from hal.can.control import BusReport, ChannelState, IdentifierLoad, NodeState
 from hal.can.faults import Fault
-from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, WORDS
+from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.node import Node
 from hal.can.timing import BusTiming, LoadMeter
 from handrail.runtime import Runtime
@@ -297,6 +297,17 @@ class Hub:
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
 
+    def tick(self) -> None:
+        """Tell those who want to know that a cycle of the plant's is over: all that was said in it has been passed on."""
+        notice = np.zeros(1, RECORD)
+        notice["flags"], notice["time_ns"] = TICK, self._clock()
+        for node in self._nodes.values():
+            if node.ticks:
+                waits = node.waiting
+                node.send(notice.view(np.uint8).data, self._clock)
+                if node.waiting and not waits:
+                    self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
+
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
             connection, _ = self._listener.accept()
@@ -373,6 +384,7 @@ class Hub:
             return False
         node.greeted, node.own_frames = True, hello.own_frames
         node.name, node.control = hello.name or node.name, hello.role == "control"
+        node.ticks = hello.ticks
         return True
 
     def _serve(self, node: Node, datagram: bytes) -> None:

@@ -23,6 +23,8 @@ class Node:
         """it is about the bus, not on it"""
         self.own_frames = False
         """it also wants to hear what it sent"""
+        self.ticks = False
+        """it wants to know when a cycle of a plant in lock-step is over"""
         self.inbound = np.full(MAX_CHANNELS, -1, np.int64)
         """its index of a channel → the hub's, −1 where it has none"""
         self.outbound = np.full(MAX_CHANNELS, -1, np.int64)

@@ -20,7 +20,7 @@ from numba import njit
 
 from hal.can import wire
 from hal.can.counting import RECEIVED, SENT, count_frames
-from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD, WORDS
+from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.wire import BusLost
 from handrail.runtime import Runtime
 
@@ -54,18 +54,21 @@ class Port(Protocol):
 
 @njit(cache=True)
 def _without_notices(words, n):
-    """Take the hub's notices of loss out of n records: (records left, frames lost)."""
-    lost, k = np.int64(0), 0
+    """Take the hub's notices of loss out of n records: (records left, frames lost, ticks)."""
+    lost, ticks, k = np.int64(0), 0, 0
     for row in range(n):
         head = words[WORDS * row + 1]
         if (head >> np.uint64(40)) & np.uint64(LOST):
             lost += np.int64(head & np.uint64(0xFFFFFFFF))
             continue
+        if (head >> np.uint64(40)) & np.uint64(TICK):
+            ticks += 1
+            continue
         if k != row:
             for i in range(WORDS):
                 words[WORDS * k + i] = words[WORDS * row + i]
         k += 1
-    return k, lost
+    return k, lost, ticks
 
 
 class HubPort:
@@ -79,10 +82,11 @@ class HubPort:
         own_frames: bool = False,
         timeout_s: float = 5.0,
         name: str | None = None,
+        ticks: bool = False,
     ):
         """Join the hub at `path` (Runtime.bus) for these channels, in this order; None: all, in the hub's order.
 
-        own_frames: also receive what this port sent. name: what reports and faults call this node.
+        own_frames: also receive what this port sent. name: what reports and faults call this node. ticks: count `ticks`.
         Raises BusLost when no hub is there within `timeout_s`, ValueError when it has no such channel.
         """
         # Compile before joining: a slow start would let the socket fill.
@@ -94,7 +98,12 @@ class HubPort:
         self._records = self._buffer.view(RECORD)
         self._path = path
         self._socket, infos = wire.join(
-            path, None if channels is None else list(channels), own_frames=own_frames, timeout_s=timeout_s, name=name
+            path,
+            None if channels is None else list(channels),
+            own_frames=own_frames,
+            timeout_s=timeout_s,
+            name=name,
+            ticks=ticks,
         )
         self.channels = infos
         """The channels joined, in this port's order."""
@@ -102,6 +111,8 @@ class HubPort:
         self.counters = np.zeros((len(infos), 3), np.int64)
         self.refused = 0
         self.lost = 0
+        self.ticks = 0
+        """how often the plant said that a cycle is over, where this port asked for it"""
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
 
@@ -136,8 +147,9 @@ class HubPort:
             size += got
         if size == 0:
             return self._records[:0]
-        n, lost = _without_notices(self._buffer, size // BYTES)
+        n, lost, ticks = _without_notices(self._buffer, size // BYTES)
         self.lost += lost
+        self.ticks += ticks
         count_frames(self._buffer, n, self._bitrates, RECEIVED, self.counters)
         return self._records[:n]
 
@@ -164,7 +176,7 @@ def open_port(description: Any, runtime: Runtime, *, timeout_s: float = 5.0, nam
     virtual = [channel.interface == "handrail" for channel in description.channels]
     if all(virtual):
         names = [channel.name for channel in description.channels]
-        port = HubPort(runtime.bus, names, timeout_s=timeout_s, name=name)
+        port = HubPort(runtime.bus, names, timeout_s=timeout_s, name=name, ticks=True)
         check_hub_rates(description, port, runtime)
         return port
     # Only robots with real channels pay for importing python-can.

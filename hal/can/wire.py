@@ -52,6 +52,8 @@ class Hello(msgspec.Struct, tag="hello", kw_only=True):
     name: Annotated[str, msgspec.Meta(max_length=64)] = ""
     """what reports and faults call it; empty: the hub gives it a name"""
     role: Literal["node", "control"] = "node"
+    ticks: bool = False
+    """also send the newcomer the plant's notices that a cycle is over (hal.can.frames.TICK)"""
 
 
 class Welcome(msgspec.Struct, tag="welcome", kw_only=True):
@@ -92,6 +94,7 @@ def join(
     timeout_s: float = 5.0,
     name: str | None = None,
     role: Literal["node", "control"] = "node",
+    ticks: bool = False,
 ) -> tuple[socket.socket, list[ChannelInfo]]:
     """Join the hub at `path`, waiting until it is there; returns the non-blocking socket and the channels.
 
@@ -104,7 +107,11 @@ def join(
         connection.send(
             encode(
                 Hello(
-                    channels=channels, own_frames=own_frames, name=default_name() if name is None else name, role=role
+                    channels=channels,
+                    own_frames=own_frames,
+                    name=default_name() if name is None else name,
+                    role=role,
+                    ticks=ticks,
                 )
             )
         )

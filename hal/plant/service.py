@@ -85,6 +85,8 @@ class Service:
             if syncs or (holds and heard is not None):
                 heard, free_since, wait = time.monotonic(), None, _PATIENCE_S
                 self._advance(syncs * self._steps_a_period)
+                if syncs:
+                    self.hub.tick()
             elif heard is not None:
                 now = time.monotonic()
                 if free_since is None and now - heard >= SILENCE_S:

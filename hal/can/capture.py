@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import select
 import signal
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import can
 import cantools
-from cantools.database.can import Database
+from cantools.database.can import Database, Message
 
 LOG_SUFFIXES = (".blf", ".asc", ".log", ".csv", ".db", ".mf4", ".trc", ".txt")
 """Formats of log files, as python-can writes them; .log is candump's own."""
@@ -25,24 +26,31 @@ def line(message: can.Message) -> str:
 
 
 class Decoder:
-    """What messages say, by a DBC file."""
+    """What messages say, by DBC files: the first that has an identifier tells it."""
 
-    def __init__(self, dbc: str | os.PathLike[str]):
+    def __init__(self, *dbcs: str | os.PathLike[str]):
         """Raises ValueError naming the file where cantools can't read it."""
-        try:
-            database = cantools.database.load_file(os.fspath(dbc))
-        except (OSError, cantools.Error, ValueError) as error:
-            raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
-        if not isinstance(database, Database):
-            raise ValueError(f"{dbc}: a diagnostics database; expected one of CAN messages (DBC)")
-        self._database = database
-        self._extended = {(m.frame_id, m.is_extended_frame) for m in database.messages}
+        self._messages: dict[tuple[int, bool], Message] = {}
+        for dbc in dbcs:
+            try:
+                database = cantools.database.load_file(os.fspath(dbc))
+            except (OSError, cantools.Error, ValueError) as error:
+                raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
+            if not isinstance(database, Database):
+                raise ValueError(f"{dbc}: a diagnostics database; expected one of CAN messages (DBC)")
+            for message in database.messages:
+                self._messages.setdefault((message.frame_id, message.is_extended_frame), message)
+
+    def name(self, can_id: int, extended: bool) -> str:
+        """What the files call an identifier, empty where they have none."""
+        message = self._messages.get((can_id, extended))
+        return message.name if message else ""
 
     def text(self, message: can.Message) -> str:
-        """``Name(Signal: value unit, ...)``, empty for a message that the file does not have."""
-        if (message.arbitration_id, message.is_extended_id) not in self._extended or message.is_remote_frame:
+        """``Name(Signal: value unit, ...)``, empty for a message that the files do not have."""
+        definition = self._messages.get((message.arbitration_id, message.is_extended_id))
+        if definition is None or message.is_remote_frame:
             return ""
-        definition = self._database.get_message_by_frame_id(message.arbitration_id)
         try:
             values = definition.decode(bytes(message.data))
         except (cantools.Error, ValueError) as error:
@@ -66,6 +74,9 @@ def check_log(file: Path) -> None:
         raise ValueError(f"log file {file}: the folder {file.absolute().parent} is not there")
 
 
+_GLANCE_S = 0.1
+
+
 class Interrupt:
     """SIGINT and SIGTERM as a flag, so that they never come in the middle of a message. Main thread only."""
 
@@ -83,31 +94,49 @@ class Interrupt:
         """Readable once a signal has come."""
         return self._event
 
+    def wait(self, seconds: float) -> bool:
+        """Wait so long, or until a signal comes; returns whether one has."""
+        if not self.set and seconds > 0.0:
+            select.select([self._event], [], [], seconds)
+        return self.set
+
 
 def watch(
     bus: can.BusABC,
     sinks: Sequence[Callable[[can.Message], object]],
     *,
     count: int | None = None,
+    duration_s: float | None = None,
     idle: Callable[[], object] | None = None,
     interrupt: Interrupt | None = None,
 ) -> int:
-    """Give every message to every sink until `count` have come (None: for ever) or `interrupt`; returns how many.
+    """Give every message to every sink until `count` have come, `duration_s` is over (None: never) or `interrupt`.
 
-    idle: called whenever nothing more is waiting, e.g. to flush what was printed. Raises can.CanOperationError when the bus
+    Returns how many. idle: called whenever nothing more is waiting, e.g. to flush. Raises can.CanOperationError when the bus
     ends.
     """
     seen = 0
-    waiting = select.poll()
-    waiting.register(bus.fileno(), select.POLLIN)
-    if interrupt is not None:
-        waiting.register(interrupt.fileno(), select.POLLIN)
+    waiting: select.poll | None = select.poll()
+    try:
+        waiting.register(bus.fileno(), select.POLLIN)  # type: ignore[union-attr]
+        if interrupt is not None:
+            waiting.register(interrupt.fileno(), select.POLLIN)  # type: ignore[union-attr]
+    except (NotImplementedError, OSError, ValueError):
+        waiting = None  # an interface that can't be waited on together with a signal: look again and again
+    deadline = None if duration_s is None else time.monotonic() + duration_s
     while (count is None or seen < count) and not (interrupt is not None and interrupt.set):
+        left = None if deadline is None else deadline - time.monotonic()
+        if left is not None and left <= 0.0:
+            break
         message = bus.recv(0)
         if message is None:
             if idle is not None:
                 idle()
-            waiting.poll()
+            if waiting is None:
+                message = bus.recv(_GLANCE_S)
+            else:
+                waiting.poll(None if left is None else 1000 * left)
+        if message is None:
             continue
         for sink in sinks:
             sink(message)

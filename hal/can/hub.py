@@ -435,16 +435,21 @@ def _listen(path: Path) -> socket.socket:
     return listener
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run a hub by itself until SIGTERM or SIGINT."""
     parser = argparse.ArgumentParser(prog="python -m hal.can.hub", description="A virtual CAN bus without a robot.")
     parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
     parser.add_argument("--channels", default="can0", help="channel names, separated by commas (default: can0)")
-    options = parser.parse_args()
+    parser.add_argument("--bitrate", type=int, default=1_000_000, help="bit/s (default: 1000000)")
+    parser.add_argument(
+        "--data-bitrate", type=int, default=5_000_000, help="bit/s of CAN FD's data phase (default: 5000000)"
+    )
+    options = parser.parse_args(arguments)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))
     try:
-        hub = Hub(Runtime.at(options.runtime).bus, options.channels.split(","))
+        channels = [BusTiming(name, options.bitrate, options.data_bitrate) for name in options.channels.split(",")]
+        hub = Hub(Runtime.at(options.runtime).bus, channels)
     except (OSError, ValueError) as error:
         sys.exit(str(error))
     print("hub ready", flush=True)

@@ -18,6 +18,7 @@ import can
 from hal.can import wire
 from hal.can.convert import to_message, to_record
 from hal.can.frames import BYTES, LOST
+from hal.can.replay import channel_of
 from hal.can.wire import BusLost
 from handrail.runtime import Runtime
 
@@ -35,11 +36,13 @@ class HandrailBus(can.BusABC):
         receive_own_messages: bool = False,
         can_filters: Any = None,
         timeout: float = 5.0,
+        name: str | None = None,
         **_other: Any,
     ):
         """Join one channel, several (a list, or names with commas between), or all (None).
 
         runtime: the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's). timeout: s to wait for the hub.
+        name: what reports and faults call this node (default: program and process id).
         Bit rates and `fd` are accepted and ignored: the bus has what its hub was given. Raises can.CanInitializationError.
         """
         names = (
@@ -52,7 +55,7 @@ class HandrailBus(can.BusABC):
         folder = Runtime.at(runtime, make=False)
         try:
             self._socket, self.channels = wire.join(
-                folder.bus, names, own_frames=receive_own_messages, timeout_s=timeout
+                folder.bus, names, own_frames=receive_own_messages, timeout_s=timeout, name=name
             )
         except (BusLost, ValueError) as error:
             # The base class complains at deletion about buses that were not shut down.
@@ -108,11 +111,12 @@ class HandrailBus(can.BusABC):
         self._more_is_set = not self._more_is_set
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a message on the channel that it names, else on the first. Waits at most `timeout` s for room in the queue.
+        """Send a message on the channel that it names (a log's by number), else on the first.
 
-        Raises can.CanOperationError when there is no room in time or the bus is gone, ValueError for what is no frame.
+        Waits at most `timeout` s for room in the queue. Raises can.CanOperationError when there is no room in time or the bus
+        is gone, ValueError for what is no frame.
         """
-        bus = self._names.index(msg.channel) if msg.channel in self._names else 0
+        bus = self._names.index(channel_of(msg.channel, self._names) or self._names[0])
         record = to_record(msg, bus)
         deadline = None if timeout is None else time.monotonic() + timeout
         writable = select.poll()

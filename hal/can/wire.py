@@ -145,8 +145,8 @@ def _connect(path: str, deadline: float, timeout_s: float) -> socket.socket:
                 raise BusLost(f"CAN bus at {path}: {error}") from error
             if time.monotonic() >= deadline:
                 raise BusLost(
-                    f"CAN bus at {path}: no hub there after {timeout_s:g} s; start the robot's service (handrail up), "
-                    f"or name its folder (--runtime)"
+                    f"CAN bus at {path}: no hub there after {timeout_s:g} s; start the robot's service (handrail up) or a "
+                    f"bus by itself (handrail can up), or name its folder (--runtime)"
                 ) from error
             time.sleep(0.02)  # nothing announces that a socket begins to listen
         else:

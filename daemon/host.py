@@ -1,8 +1,9 @@
-"""`handrail up ROBOT`: the robot's service. Starts plant (if simulated), loop, server, engine and link, and keeps them alive.
+"""`handrail up ROBOT`: the robot's service. Starts plant and cameras (if simulated), loop, server, engine and link, and keeps them
+alive.
 
 What a death means: the *loop* is started anew, and nothing moves until it is enabled; the *server* goes on where it was, the
-motion with it; the *engine*'s running action ends, since its owner no longer checks in; the *link* is started anew, and the
-motion goes on; the *plant* takes the loop with it, since the bus lives inside it.
+motion with it; the *engine*'s running action ends, since its owner no longer checks in; the *link* or the *camera* is started anew,
+and the motion goes on; the *plant* takes the loop with it, since the bus lives inside it.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ def children(
     port: int,
     engine: bool = True,
     link: bool = True,
+    camera: bool = True,
 ) -> list[Child]:
     """The processes of this robot's service, in the order in which they start. Raises UsageError and ConfigError.
 
@@ -80,6 +82,10 @@ def children(
         processes.append(Child("engine", (*python, "engines.engine", "--robot", robot, *place), after=("server",)))
     if link:
         processes.append(Child("link", (*python, "handrail.link.gate", *place, "--port", str(port))))
+    if camera and simulated and description.cameras:
+        # Last, and nobody waits for it: it looks at a plant that may come and go.
+        what = ("--scene", _checked_scene(scene), "--robot", robot)
+        processes.append(Child("camera", (*python, "hal.plant.camera", *what, *place), after=("plant",)))
     return processes
 
 
@@ -174,8 +180,9 @@ def up(
     ] = 47800,
     engine: Annotated[bool, typer.Option(help="Start the engine, which runs programs.")] = True,
     link: Annotated[bool, typer.Option(help="Start the link, through which tablets and scripts come.")] = True,
+    camera: Annotated[bool, typer.Option(help="Start a simulated robot's cameras.")] = True,
 ) -> None:
-    """Start a robot's service: plant (if simulated), loop, server, engine and link, and keep them alive until Ctrl-C.
+    """Start a robot's service: plant and cameras (if simulated), loop, server, engine and link, and keep them alive until Ctrl-C.
 
     Nothing moves before somebody enables the robot. A process that dies is started anew.
     Exit status 0: ended as asked; 1: a process did not start; 2: wrong use.
@@ -184,7 +191,15 @@ def up(
         place = _place(runtime)
         description = robots.load(robot)
         processes = children(
-            description, robot=robot, scene=scene, clock=clock, runtime=place, port=port, engine=engine, link=link
+            description,
+            robot=robot,
+            scene=scene,
+            clock=clock,
+            runtime=place,
+            port=port,
+            engine=engine,
+            link=link,
+            camera=camera,
         )
         check_network(description)
         with sole_service(place):

@@ -818,6 +818,8 @@ class GroundTruth(Message):
     """scene object → N, sum of normal forces between it and the robot, now"""
     peak_contact_force: dict[str, float]
     """scene object → N, the largest since the plant started"""
+    base_in_world: Pose = msgspec.field(default_factory=Pose)
+    """of the robot's root link; a free one may move"""
 
 
 # ------------------------------------------------------------------------------------------------------------- answers

@@ -1,10 +1,12 @@
-"""PyBullet, imported without the banner that its C code prints to standard error."""
+"""PyBullet, whose C code prints: imported without its banner, and kept off a process's standard output."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Iterator
+from typing import TextIO
 
 
 @contextlib.contextmanager
@@ -23,4 +25,15 @@ def _silent_stderr() -> Iterator[None]:
 with _silent_stderr():
     import pybullet
 
-__all__ = ["pybullet"]
+
+@contextlib.contextmanager
+def own_stdout() -> Iterator[TextIO]:
+    """Standard output for us alone: PyBullet's C code, which prints there too, gets standard error instead."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    with os.fdopen(kept, "w") as stdout:
+        yield stdout
+
+
+__all__ = ["own_stdout", "pybullet"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from hal.plant.bullet import pybullet as p
@@ -21,11 +23,12 @@ Vector = tuple[float, ...]
 class RobotBody:
     """One robot in one world. Its base stands at the world's origin, fixed or, for a robot with a free base, loose."""
 
-    def __init__(self, description: RobotDescription, client: int, *, visual: bool = False):
+    def __init__(self, description: RobotDescription, client: int, *, visual: bool = False, urdf: Path | None = None):
+        """`visual`: with its looks, for pictures; `urdf`: made from what `prepare` gave, and used instead of it."""
         self.description, self.client = description, client
         self.fixed = description.base == "fixed"
         self.number = p.loadURDF(
-            str(prepare(description, visual=visual)),
+            str(urdf or prepare(description, visual=visual)),
             useFixedBase=self.fixed,
             flags=p.URDF_USE_INERTIA_FROM_FILE,
             physicsClientId=client,

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
-import os
 import signal
 import sys
 import time
@@ -24,6 +23,7 @@ from hal.can.hub import Hub
 from hal.can.timing import BusTiming
 from hal.joint import JointCommand
 from hal.plant import scene
+from hal.plant.bullet import own_stdout
 from hal.plant.bus_node import BusNode
 from hal.plant.drive_node import STEP_NS
 from hal.plant.scene import Scene
@@ -129,7 +129,7 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
     parser.add_argument("--clock", choices=("lockstep", "wall"), required=True)
     parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
     options = parser.parse_args()
-    with _own_stdout() as stdout:
+    with own_stdout() as stdout:
         try:
             robot = robots.load(options.robot)
             world = world_type(robot, scene.load(options.scene))
@@ -175,13 +175,3 @@ def _run(service: Service, clock: str, stdout: TextIO) -> None:
         f"{service.free_runs} free runs; peak contact: {peaks}",
         file=sys.stderr,
     )
-
-
-@contextlib.contextmanager
-def _own_stdout():  # type: ignore[no-untyped-def]
-    """Standard output for us alone: PyBullet's C code, which prints there too, gets standard error instead."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    with os.fdopen(kept, "w") as stdout:
-        yield stdout

@@ -247,6 +247,7 @@ class World:
             },
             contact_force=dict(self.contact_force),
             peak_contact_force=dict(self.peak_contact_force),
+            base_in_world=Pose() if self.robot.fixed else self._base_pose(),
         )
 
     def _all_joints(self) -> dict[str, float]:
@@ -256,6 +257,12 @@ class World:
             for joint in (gripper.joint, *gripper.followers):
                 joints[joint] = p.getJointState(self._robot, self.robot.joints[joint], physicsClientId=self._client)[0]
         return joints
+
+    def _base_pose(self) -> Pose:
+        _, position, orientation, _, _ = self.robot.link_motion(BASE)
+        x, y, z = position
+        i, j, k, w = orientation
+        return Pose(position=(x, y, z), orientation=(i, j, k, w))
 
     def _pose(self, body: int) -> Pose:
         position, orientation = p.getBasePositionAndOrientation(body, physicsClientId=self._client)

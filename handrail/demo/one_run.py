@@ -135,7 +135,9 @@ class _Attempt:
         scene = self._out / "scene.yaml"
         scene.write_text(self._scenario.scene(), encoding="utf-8")
         port = free_ports()
-        where = ("--runtime", str(self._runtime.folder), "--port", str(port))
+        where = ["--runtime", str(self._runtime.folder), "--port", str(port)]
+        if not self._options.view:
+            where.append("--no-camera")  # nobody looks
         command = _handrail("up", ROBOT, "--scene", str(scene.absolute()), "--clock", self._options.clock, *where)
         robot = self._children.start("robot", command, on_line=self._show_start)
         robot.wait_for("All up", _START_S)

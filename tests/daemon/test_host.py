@@ -48,11 +48,11 @@ def on_real_buses(description: RobotDescription) -> RobotDescription:
     return dataclasses.replace(description, channels=channels)
 
 
-def test_a_simulated_robot_gets_plant_loop_server_engine_and_link_in_this_order(
+def test_a_simulated_robot_gets_plant_loop_server_engine_link_and_camera_in_this_order(
     talos: RobotDescription, runtime: Runtime
 ) -> None:
     made = children(talos, robot="talos_upper", scene="valve", clock=Clock.LOCKSTEP, runtime=runtime, port=47800)
-    assert [child.name for child in made] == ["plant", "loop", "server", "engine", "link"]
+    assert [child.name for child in made] == ["plant", "loop", "server", "engine", "link", "camera"]
     commands = {child.name: " ".join(child.command[1:]) for child in made}
     where = f"--runtime {runtime.folder}"
     assert commands == {
@@ -61,11 +61,12 @@ def test_a_simulated_robot_gets_plant_loop_server_engine_and_link_in_this_order(
         "server": f"-m daemon.server --robot talos_upper --clock lockstep {where}",
         "engine": f"-m engines.engine --robot talos_upper {where}",
         "link": f"-m handrail.link.gate {where} --port 47800",
+        "camera": f"-m hal.plant.camera --scene valve --robot talos_upper {where}",
     }
     assert next(child for child in made if child.name == "loop").bound_to == ("plant",)
 
 
-def test_engine_and_link_can_be_left_out(talos: RobotDescription, runtime: Runtime) -> None:
+def test_engine_link_and_camera_can_be_left_out(talos: RobotDescription, runtime: Runtime) -> None:
     made = children(
         talos,
         robot="talos_upper",
@@ -75,8 +76,15 @@ def test_engine_and_link_can_be_left_out(talos: RobotDescription, runtime: Runti
         port=47800,
         engine=False,
         link=False,
+        camera=False,
     )
     assert [child.name for child in made] == ["plant", "loop", "server"]
+
+
+def test_a_robot_without_cameras_gets_no_process_for_them(talos: RobotDescription, runtime: Runtime) -> None:
+    blind = dataclasses.replace(talos, cameras=())
+    made = children(blind, robot="talos_upper", scene="valve", clock=Clock.WALL, runtime=runtime, port=47800)
+    assert "camera" not in [child.name for child in made]
 
 
 def test_a_robot_on_real_buses_gets_no_plant(talos: RobotDescription, runtime: Runtime) -> None:

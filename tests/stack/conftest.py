@@ -46,7 +46,7 @@ class Stack:
         self.process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "handrail.cli", "up", "talos_upper", "--scene", scene, "--clock", clock),
-                *("--runtime", str(folder), "--port", str(self.port)),
+                *("--runtime", str(folder), "--port", str(self.port), "--no-camera"),
             ],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

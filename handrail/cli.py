@@ -25,7 +25,7 @@ _VERBS = {
     "stop": "Operator stop over the local socket; --clear unlatches it.",
     "demo": "Turn a valve with the whole stack and judge it by the plant's ground truth.",
     "tablet": "Open the operator's window.",
-    "can": "The CAN bus: dump what is on it.",
+    "can": "The CAN bus: look at it, record, replay, disturb, bridge.",
     "program": "Check or run a program of the library.",
     "bench": "Run a benchmark against its peers.",
 }

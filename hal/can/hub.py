@@ -366,7 +366,10 @@ class Hub:
             wanted = names if hello.channels is None else hello.channels
             unknown = [name for name in wanted if name not in names]
             if hello.version != wire.VERSION:
-                raise ValueError(f"version {hello.version}; this hub speaks {wire.VERSION}")
+                raise ValueError(
+                    f"wire version {hello.version}; this hub speaks {wire.VERSION}: start the hub and what joins it from the same "
+                    f"Handrail, or bring your firmware up to date (docs/can.md)"
+                )
             if unknown or len(set(wanted)) != len(wanted):
                 raise ValueError(f"channels {wanted}; expected different names out of {names}")
         except (msgspec.DecodeError, ValueError) as error:

@@ -7,7 +7,8 @@ knows the host only from frames, and time only from its own clock: when frames s
 state                 torque                                                            brake
 ===================== ================================================================= =================
 operation enabled     as commanded, once a command came and the brake is released       open
-quick stop active     −quick_stop_damping · velocity for 0.25 s, then none              open, then closed
+quick stop active     for 0.25 s what the spring carried when it began                  open, then closed
+                      − quick_stop_damping · velocity, then none
 any other             none                                                              closed
 ===================== ================================================================= =================
 """
@@ -39,7 +40,7 @@ _OVERSPEED_RATIO, _OVERSPEED_NS = 2.0, 5_000_000
 _ENABLED, _QUICK_STOP, _FAULT = int(State.OPERATION_ENABLED), int(State.QUICK_STOP_ACTIVE), int(State.FAULT)
 _WATCHDOG = int(DriveError.WATCHDOG)
 _OVERTEMPERATURE, _OVERSPEED = int(DriveError.OVERTEMPERATURE), int(DriveError.OVERSPEED)
-_DAMPING = int(Mode.DAMPING)
+_DAMPING, _IMPEDANCE = int(Mode.DAMPING), int(Mode.IMPEDANCE)
 _NEVER = -1
 
 
@@ -127,8 +128,11 @@ class DriveNodes:
             actuators.powered[row] = True
             self._heard[row], self._first_command[row] = self.now_ns, _NEVER
         elif after is State.QUICK_STOP_ACTIVE:
-            actuators.mode[row], actuators.damping[row] = _DAMPING, self._description.quick_stop_damping[row]
+            a = actuators
             self._stopped[row] = self.now_ns
+            # It damps about the load that it carried: gravity or a tool's contact must not take the joint along meanwhile.
+            a.mode[row], a.damping[row] = _IMPEDANCE, self._description.quick_stop_damping[row]
+            a.torque[row], a.stiffness[row], a.velocity[row] = a.spring_torque[row], 0.0, 0.0
         else:
             actuators.powered[row] = False
             if not self.brakes[row]:
@@ -145,7 +149,8 @@ class DriveNodes:
         actuators = self.actuators
         if _live(
             self.now_ns, self.state, self.error, self._heard, self._interval, self._first_command, self._stopped,
-            self._fast, self.brakes, actuators.powered, actuators.mode, actuators.damping,
+            self._fast, self.brakes, actuators.powered, actuators.mode, actuators.damping, actuators.torque,
+            actuators.stiffness, actuators.velocity,
             self._description.quick_stop_damping, velocity, self._overspeed, actuators.spring_torque, self._heat,
             self.temperature,
         ):  # fmt: skip
@@ -174,8 +179,8 @@ def _take(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _live(  # type: ignore[no-untyped-def]
-    now, state, error, heard, interval, first_command, stopped, fast, brakes, powered, mode, damping, quick_stop_damping,
-    velocity, overspeed, torque, heat, temperature,
+    now, state, error, heard, interval, first_command, stopped, fast, brakes, powered, mode, damping, goal, stiffness,
+    goal_velocity, quick_stop_damping, velocity, overspeed, torque, heat, temperature,
 ):  # fmt: skip
     """What every drive does by itself in a millisecond; writes the arrays. True when a brake opened or closed."""
     moved = False
@@ -198,7 +203,8 @@ def _live(  # type: ignore[no-untyped-def]
         if state[j] == _ENABLED:
             if now - heard[j] > interval[j]:
                 state[j], error[j] = _QUICK_STOP, _WATCHDOG
-                mode[j], damping[j] = _DAMPING, quick_stop_damping[j]
+                mode[j], damping[j] = _IMPEDANCE, quick_stop_damping[j]
+                goal[j], stiffness[j], goal_velocity[j] = torque[j], 0.0, 0.0
                 stopped[j] = now
             elif brakes[j] and first_command[j] != _NEVER and now - first_command[j] >= BRAKE_RELEASE_NS:
                 brakes[j] = False

@@ -131,6 +131,12 @@ class Daemon:
         self.call(m.StartAction(id=action, owner=OWNER, motion=motion, ends=list(ends)))
         return action
 
+    def ended(self, action: str, wait_s: float = 0.0) -> m.ActionEvent | None:
+        """How an action ended, if it has."""
+        with self._changed:
+            self._changed.wait_for(lambda: action in self._ended, wait_s)
+            return self._ended.get(action)
+
     def wait_end(self, action: str, timeout_s: float = 60.0) -> m.ActionEvent:
         """How an action ended. Raises AssertionError when it does not."""
         with self._changed:

@@ -21,7 +21,7 @@ from handrail.robot import description as robots
 from handrail.runtime import Runtime, memory_folder
 
 _EMPTY = "objects: {}\n"
-_PLANT_MODULE = "hal.hil.plant_process"
+PLANT_MODULE = "hal.hil.plant_process"
 _PLANT_READY_S = 120.0
 
 
@@ -80,8 +80,8 @@ class Rig:
             if self.options.faults:
                 arguments += ["--faults", self.options.faults]
             # Its warm part depends on robot and scene: only the first test with both pays for it.
-            self._nursery.warm([_PLANT_MODULE], [(f"{_PLANT_MODULE}:warm_up", [self.options.robot, self._scene()])])
-            self._process = self._nursery.start("plant", _PLANT_MODULE, arguments)
+            self._nursery.warm([PLANT_MODULE], [(f"{PLANT_MODULE}:warm_up", [self.options.robot, self._scene()])])
+            self._process = self._nursery.start("plant", PLANT_MODULE, arguments)
             self._open.callback(self._process.end)
             self._process.wait_for("plant ready", _PLANT_READY_S)
         return self._process

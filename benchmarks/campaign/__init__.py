@@ -1,0 +1,1 @@
+"""The fault campaign: each fault at random moments of a short valve turn, judged by what the plant really did."""

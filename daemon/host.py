@@ -145,7 +145,7 @@ def drop_leftovers(runtime: Runtime, description: RobotDescription) -> None:
 
     What this robot's own left stays: a server that starts tells how its actions ended, and latches its operator stop again.
     """
-    snapshot = exchange.snapshot_dtype(len(description.joints), len(description.channels))
+    snapshot = exchange.snapshot_dtype(description)
     drop_unless_fit(runtime.state_ring, magic=ring.MARK, record_size=snapshot.itemsize)
     drop_unless_fit(runtime.mailbox, magic=mailbox.MARK, record_size=exchange.COMMAND.itemsize)
 

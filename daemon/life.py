@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from daemon.actions import ActionTable, Refusal
+from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome
 from daemon.manager import ControllerManager
 from hal.hardware import Goal, Hardware
@@ -16,8 +17,15 @@ _ENABLED, _STOPPED, _ENABLING = int(Flag.ENABLED), int(Flag.STOPPED), int(Flag.E
 class Life:
     """Whether the robot may be commanded. Nothing here moves a joint except by letting controllers be active."""
 
-    def __init__(self, hardware: Hardware, manager: ControllerManager, actions: ActionTable, period: float):
-        self._hardware, self._manager, self._actions = hardware, manager, actions
+    def __init__(
+        self,
+        hardware: Hardware,
+        manager: ControllerManager,
+        actions: ActionTable,
+        devices: Devices,
+        period: float,
+    ):
+        self._hardware, self._manager, self._actions, self._devices = hardware, manager, actions, devices
         self._patience = round(ENABLING_TIME / period)
         self._enabling_for = -1
         self.stopped = False
@@ -75,6 +83,7 @@ class Life:
             self._enabling_for += 1
             if self._hardware.operational:
                 self._manager.enable()
+                self._devices.enable()
                 self._enabling_for = -1
             elif self._enabling_for > self._patience:
                 self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT)
@@ -87,4 +96,5 @@ class Life:
         self._hardware.goal = goal
         self._enabling_for = -1
         self._manager.release_all()
+        self._devices.disable()
         self._actions.end_all(outcome, joint)

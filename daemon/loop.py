@@ -23,6 +23,7 @@ from daemon import exchange
 from daemon.actions import Action, ActionTable
 from daemon.controllers.base import Gains
 from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.devices import Devices
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange import TrajectoryMotion
 from daemon.gains import joint_damping
@@ -79,7 +80,8 @@ class Loop:
         self.robot = RobotState(kinematics, hardware.state, period)
         self.manager = ControllerManager(self.robot, gains)
         self.actions = ActionTable(self.manager, self.robot)
-        self.life = Life(hardware, self.manager, self.actions, period)
+        self.devices = Devices(description, hardware.devices, hardware.device_command)
+        self.life = Life(hardware, self.manager, self.actions, self.devices, period)
         self.holds = TimeHolds(lockstep)
         self.limits = Limits.of(description)
         self.written, self._next, self._commanding = JointCommand(n), JointCommand(n), False
@@ -87,8 +89,9 @@ class Loop:
         self.stop_socket = StopSocket(runtime.stop)
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
         mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
-        self.orders = Orders(mailbox, exchange.frame_names(description), self.life, self.actions, self.holds)
-        ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(n, len(description.channels)))
+        frames = exchange.frame_names(description)
+        self.orders = Orders(mailbox, frames, self.life, self.actions, self.devices, self.holds)
+        ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, self.manager, self.life, self.actions, self.orders)
         self.time_ns = -self.period_ns
         self.cycles = self.misses = self.limited = self.work_ns = self.late_ns = self._rang_ns = 0
@@ -106,6 +109,7 @@ class Loop:
         self.robot.update(self.written.position, self.written.velocity)
         self.orders.serve(self.written, self.time_ns)
         self.life.update()
+        self.devices.update()
         self.robot.estimate_forces(self.actions.force_frames())
         self.after_end(self.actions.check(self.written))
         command = self.run_controllers()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daemon.actions import ActionTable, Refusal
+from daemon.devices import Devices
 from daemon.exchange import Answer, Command, CommandReader, Kind, decode
 from daemon.life import Life
 from daemon.time_holds import TimeHolds
@@ -15,10 +16,16 @@ class Orders:
     """Serves the mailbox, one command a call."""
 
     def __init__(
-        self, mailbox: CommandReader, frames: Sequence[str], life: Life, actions: ActionTable, holds: TimeHolds
+        self,
+        mailbox: CommandReader,
+        frames: Sequence[str],
+        life: Life,
+        actions: ActionTable,
+        devices: Devices,
+        holds: TimeHolds,
     ):
         self._mailbox, self._frames = mailbox, frames
-        self._life, self._actions, self._holds = life, actions, holds
+        self._life, self._actions, self._devices, self._holds = life, actions, devices, holds
         self.answered = 0
         """serial of the command handled last"""
         self.answer = Refusal(Answer.NONE)
@@ -62,6 +69,11 @@ class Orders:
                 return actions.pause(command.action)
             case Kind.RESUME:
                 return actions.resume(command.action)
+            case Kind.DEVICE:
+                if life.stopped:
+                    return Refusal(Answer.STOP_LATCHED)
+                assert command.device_values is not None
+                return self._devices.order(command.device, command.device_values)
             case Kind.LOSE_OWNER:
                 actions.lose_owner(command.owner)
                 self._holds.release(command.owner)

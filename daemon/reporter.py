@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from daemon.device_reports import device_states, device_statuses
 from daemon.exchange import (
     MAX_HOLDS,
     ActionState,
@@ -18,14 +19,25 @@ from daemon.exchange import (
 )
 from daemon.journal import Journal, Started
 from hal.drives.lifecycle import State, decode_statusword
-from handrail.messages import ActionEvent, BusStatistics, DaemonStatus, DriveStatus, LoopStatistics, RobotState
+from handrail.messages import (
+    ActionEvent,
+    BusStatistics,
+    DaemonStatus,
+    DeviceStates,
+    DriveStatus,
+    LoopStatistics,
+    RobotState,
+)
 from handrail.robot.description import RobotDescription
 
 _SILENT_CYCLES = 10
 """without an answer, after which people are shown `unknown`; the loop goes on until hal.hardware.LOST_AFTER"""
 STATE_PERIOD_NS = 10_000_000
 """of RobotState, in the robot's time"""
+DEVICE_PERIOD_NS = 40_000_000
+"""of DeviceStates, likewise"""
 _LOAD_WINDOW_NS = 1_000_000_000
+_TICKS_A_DEVICE_STATE = DEVICE_PERIOD_NS // STATE_PERIOD_NS
 _TIMING_WINDOW = 2500
 """cycles over which the percentiles are taken"""
 
@@ -45,8 +57,9 @@ class Reporter:
         self._timed = 0
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
         self._signature: object = None
+        self._columns: dict[str, tuple[str, ...]] = {}
 
-    def follow(self, snapshots: np.ndarray) -> Iterator[RobotState | ActionEvent]:
+    def follow(self, snapshots: np.ndarray) -> Iterator[RobotState | DeviceStates | ActionEvent]:
         """What new snapshots (k,), oldest first, have to tell. Each is told once; call with what a ring's `read` gives."""
         if not len(snapshots):
             return
@@ -56,6 +69,7 @@ class Reporter:
         ticks = snapshots["time_ns"] // STATE_PERIOD_NS
         previous = np.concatenate(([before // STATE_PERIOD_NS], ticks[:-1]))
         new_tick = ticks != previous
+        new_device_tick = new_tick & (ticks % _TICKS_A_DEVICE_STATE == 0) & bool(self._description.devices)
         # Only snapshots in which some action changed are looked at one by one.
         marks = np.stack((snapshots["actions"]["serial"].astype(np.int64), snapshots["actions"]["state"]), axis=-1)
         told = np.zeros(len(snapshots), bool)
@@ -66,6 +80,8 @@ class Reporter:
                 yield from self._action_events(snapshots[row])
             if new_tick[row]:
                 yield robot_state(snapshots[row])
+            if new_device_tick[row]:
+                yield device_states(snapshots[row], self._description, self._columns)
         self.snapshot = snapshots[-1].reshape(())
         newest = snapshots[-1]
         if not self._loads or int(newest["time_ns"]) - self._loads[-1][0] >= _LOAD_WINDOW_NS // 20:
@@ -123,6 +139,7 @@ class Reporter:
                 self.alive,
                 int(newest["flags"]),
                 tuple(drive_states(newest)),
+                tuple(device.problem for device in device_statuses(newest, self._description)),
                 *(newest[field].tobytes() for field in ("stop_reason", "claims", "error", "holds")),
                 newest["actions"]["serial"].tobytes(),
                 newest["actions"]["state"].tobytes(),
@@ -147,6 +164,7 @@ class Reporter:
                 controllers={},
                 loop=LoopStatistics(),
                 buses=[BusStatistics(channel=channel.name) for channel in self._description.channels],
+                devices=device_statuses(None, self._description),
                 processes=processes,
             )
         newest = self.snapshot
@@ -166,6 +184,7 @@ class Reporter:
             action=self._running_action(newest),
             loop=self._loop_statistics(newest),
             buses=self._bus_statistics(newest),
+            devices=device_statuses(newest, self._description),
             holds=[owner_name(int(owner)) for owner in newest["holds"][:MAX_HOLDS] if owner],
             processes=processes,
         )

@@ -25,7 +25,7 @@ from daemon.mailbox import MailboxFull, MailboxWriter
 from daemon.owners import Owners
 from daemon.reporter import Reporter
 from daemon.ring import StateRingReader
-from daemon.validation import check_start
+from daemon.validation import check_gripper, check_start
 from handrail import messages as m
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
@@ -57,7 +57,7 @@ class Server:
         frames = exchange.frame_names(description)
         self._frames = {frame: index for index, frame in enumerate(frames)}
         self._joints = {joint: index for index, joint in enumerate(description.joints)}
-        snapshot = exchange.snapshot_dtype(len(description.joints), len(description.channels))
+        snapshot = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(runtime.state_ring, snapshot)
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
@@ -88,6 +88,7 @@ class Server:
             m.CancelAction: lambda call: self._steer(Kind.CANCEL, call.id),
             m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
             m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
+            m.CommandGripper: self._command_gripper,
         }
 
     def take_over(self) -> None:
@@ -189,7 +190,10 @@ class Server:
             )
         code, joint, value = answer
         if code != exchange.Answer.ACCEPTED:
-            name = self._description.joints[joint] if joint >= 0 else ""
+            named = self._description.joints
+            if code == exchange.Answer.DEVICE_SILENT:
+                named = tuple(device.name for device in self._description.devices)
+            name = named[joint] if joint >= 0 else ""
             raise refuse(*exchange.explain(exchange.Answer(code), name, value))
 
     def _start(self, call: m.StartAction) -> None:
@@ -215,6 +219,11 @@ class Server:
                 # The caller is told that it does not run: make that true, whenever the loop comes to it.
                 self._post_unasked(Kind.CANCEL, action=serial)
             raise
+
+    def _command_gripper(self, call: m.CommandGripper) -> None:
+        row, values = check_gripper(call, self._description)
+        header = exchange.encode_device(self._count(), row, values)
+        self._require_accepted(self._post(header))
 
     def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0) -> None:
         """Give the loop a command whose answer nobody waits for."""

@@ -50,6 +50,11 @@ class SnapshotWriter:
             (_side_by_side(record, _TRAFFIC), hardware.counters.T),
             (record["claims"], manager.claims),
         ]
+        if len(hardware.devices):
+            self._copies += [
+                (record["device_values"], hardware.devices.values),
+                (record["device_age"], hardware.devices.age),
+            ]
         self._command, self._mode = record["command"], record["mode"]
         self._external_force, self._felt = record["external_force"], False
         self._when = _side_by_side(record, ("cycle", "time_ns"))

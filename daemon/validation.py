@@ -1,4 +1,4 @@
-"""What is wrong with a StartAction, found before the loop sees it: shapes, numbers, limits, names, and where it starts.
+"""What is wrong with a StartAction (or CommandGripper), found before the loop sees it: shapes, numbers, limits, names, start.
 
 What only the loop can know in the cycle that starts the action (claims, a stop a moment ago) the loop checks itself.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from daemon.exchange import MAX_ENDS, Flag
 from handrail.messages import (
     CartesianImpedance,
+    CommandGripper,
     ContactEnd,
     EndCondition,
     ForceEnd,
@@ -63,6 +64,30 @@ def check_start(
         raise refuse("too many end conditions", "ends", len(message.ends), f"at most {MAX_ENDS}")
     for number, end in enumerate(message.ends):
         _check_end(end, f"ends[{number}]", frames)
+
+
+def check_gripper(message: CommandGripper, description: RobotDescription) -> tuple[int, tuple[float, float, float]]:
+    """(row in description.devices, position, velocity and effort to command). Raises RefusedError unless it can be done.
+
+    Whether the robot is enabled and the gripper answers is the loop's to say.
+    """
+    grippers = {device.name: row for row, device in enumerate(description.devices) if device.family == "gripper"}
+    if message.gripper not in grippers:
+        expected = _nearest(message.gripper, grippers) if grippers else "a robot with grippers"
+        raise refuse(f"{description.name} has no such gripper", "gripper", message.gripper, expected)
+    row = grippers[message.gripper]
+    lower, upper, fastest, strongest = description.device_limits[description.devices[row].joint]
+    for field, highest in (("velocity", fastest), ("effort", strongest)):
+        value = getattr(message, field)
+        _check_finite(value, field)
+        if value > highest:
+            raise refuse(f"beyond the limit of {message.gripper}", field, f"{value:g}", f"at most {highest:g}")
+    _check_finite(message.position, "position")
+    if not lower - 1e-6 <= message.position <= upper + 1e-6:
+        raise refuse(
+            f"beyond the limits of {message.gripper}", "position", f"{message.position:g}", f"{lower:g} to {upper:g}"
+        )
+    return row, (message.position, message.velocity or fastest, message.effort or strongest)
 
 
 def _check_state(snapshot: np.ndarray) -> None:

@@ -22,6 +22,9 @@ import numpy as np
 MEASURED, COMMANDED = 16, 8
 """Columns that a device's rows have room for."""
 
+GRIPPER_COMMANDED = ("position", "velocity", "effort", "enable")
+"""The gripper family's commanded columns, by number."""
+
 
 class DeviceState:
     """What was last measured; one row a device, in the description's order."""

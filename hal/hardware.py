@@ -16,6 +16,7 @@ from numba import njit
 
 from hal.can import frames
 from hal.can.port import Port
+from hal.device import DeviceCommand, DeviceState
 from hal.drives.lifecycle import CONTROLWORD, STATE_OF_STATUSWORD, Command, State, controlword_towards
 from hal.joint import JointCommand, JointState
 from handrail.robot.description import RobotDescription
@@ -67,6 +68,10 @@ class Hardware:
         n = len(description.joints)
         self.state = JointState(n)
         """what was last read"""
+        self.devices = DeviceState(len(description.devices))
+        """what the nodes that are no joints measured last"""
+        self.device_command = DeviceCommand(len(description.devices))
+        """what is written to those of them that are commanded, with the next `write`"""
         self.goal = Goal.INACTIVE
         self.crc_errors = 0
         """replies whose CRC was wrong, since the start"""

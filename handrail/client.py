@@ -33,6 +33,7 @@ from handrail.link.session import Session
 from handrail.messages import (
     AnswerPrompt,
     ClearStop,
+    CommandGripper,
     DaemonStatus,
     Deploy,
     Deployment,
@@ -162,6 +163,13 @@ class Client:
     def clear_stop(self) -> None:
         """Unlatch the operator stop. Nothing moves: `enable` follows deliberately."""
         self.call(ClearStop())
+
+    def command_gripper(self, gripper: str, position: float, velocity: float = 0.0, effort: float = 0.0) -> None:
+        """Send a gripper to `position` (rad or m, of its driven joint), no faster and no harder than given; 0: its limit.
+
+        Returns when the drive has been told: `events(DeviceStates)` tells when it is there, or holds something.
+        """
+        self.call(CommandGripper(gripper=gripper, position=position, velocity=velocity, effort=effort))
 
     # ------------------------------------------------------------------------------------------------- templates, plans
 

@@ -127,6 +127,17 @@ class BusStatistics(msgspec.Struct, kw_only=True):
     frames_received: int = 0
     load: float = 0.0
     """share of the bus's time in use, 0..1, over the last second of the robot's clock"""
+    state: str = ""
+    """of the daemon's own node there: error_active, error_passive, bus_off or cut; empty where that is not known"""
+
+
+class DeviceStatus(msgspec.Struct, kw_only=True):
+    """One node of the network that is no joint."""
+
+    name: str
+    family: str
+    problem: str = ""
+    """what is wrong with it, in words; empty: nothing. It does not keep the robot from being enabled"""
 
 
 @_travels(priority=3, reliable=False, superseded_by=("type",), remote=True)
@@ -149,6 +160,8 @@ class DaemonStatus(Message):
     """id of the running action"""
     holds: list[str] = []
     """who holds simulated time"""
+    devices: list[DeviceStatus] = []
+    """those of the robot's network, in the order of its description"""
     processes: dict[str, str] = {}
     """process of the robot's service → `up`, `starting`, or what happened to it; empty where nobody supervises"""
 

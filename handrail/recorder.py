@@ -14,6 +14,7 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 | /tool/ARM | foxglove.PoseInFrame | the tool's contact point, 25 Hz |
 | /daemon_status, /action, /run_state, /instance, /plan, /prompt, /prompt_closed | handrail.* | as they come |
 | /can/CHANNEL | handrail.BusStatistics | with each DaemonStatus |
+| /device/NAME | handrail.ImuState, ForceTorqueState, GripperState, PowerState | each DeviceStates (25 Hz) |
 | /log | foxglove.Log | as they come |
 """
 
@@ -37,6 +38,7 @@ from handrail.messages import (
     ActionEvent,
     DaemonEvent,
     DaemonStatus,
+    DeviceStates,
     EngineEvent,
     GetRobot,
     InstanceState,
@@ -128,6 +130,17 @@ class Recording:
                 self._write("/log", foxglove.Log(foxglove.time(stamp), level, message.text, message.source), stamp)
             case PointCloud():
                 self._cloud(message)
+            case DeviceStates():
+                stamp = self._clock.stamp(message.time_ns)
+                devices: list[Any] = [
+                    *message.imus,
+                    *message.force_torques,
+                    *message.grippers,
+                    *message.powers,
+                    *message.others,
+                ]
+                for device in devices:
+                    self._write(f"/device/{device.name}", device, stamp)
             case _:
                 stamp = self._clock.stamp(getattr(message, "time_ns", 0))
                 self._write(_AS_THEY_COME[type(message)], message, stamp)

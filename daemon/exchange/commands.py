@@ -35,6 +35,14 @@ def encode_command(kind: Kind, serial: int, *, owner: int = 0, action: int = 0, 
     return header
 
 
+def encode_device(serial: int, device: int, values: Sequence[float]) -> np.ndarray:
+    """Header of a command for one device: its row in RobotDescription.devices, and hal.device's commanded columns."""
+    header = encode_command(Kind.DEVICE, serial)
+    header["device"] = device
+    header["device_values"][: len(values)] = values
+    return header
+
+
 def encode_start(
     message: StartAction,
     serial: int,
@@ -130,6 +138,9 @@ class Command:
     expires_ns: int = 0
     motion: TrajectoryMotion | CartesianMotion | None = None
     ends: tuple[EndCondition, ...] = ()
+    device: int = -1
+    device_values: NDArray[np.float64] | None = None
+    """hal.device's commanded columns"""
 
 
 def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Command:
@@ -171,6 +182,8 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
         expires_ns=int(header["expires_ns"]),
         motion=motion,
         ends=ends,
+        device=int(header["device"]) if kind is Kind.DEVICE else -1,
+        device_values=header["device_values"].copy() if kind is Kind.DEVICE else None,
     )
 
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.device import COMMANDED, MEASURED
 from handrail.robot.description import RobotDescription
 
 SLOTS = 4
@@ -71,6 +72,8 @@ class Kind(enum.IntEnum):
     HOLD_TIME = 8
     """`owner`, `value` s of wall time at most (lock-step only)"""
     RELEASE_TIME = 9
+    DEVICE = 10
+    """`device` follows `device_values`; a gripper's enable column is the loop's business"""
 
 
 class Answer(enum.IntEnum):
@@ -91,6 +94,8 @@ class Answer(enum.IntEnum):
     DRIVE_FAULT = 9
     """the drive of `answer_joint` does not reach operation enabled"""
     MALFORMED = 10
+    DEVICE_SILENT = 11
+    """the device of row `answer_joint` does not answer"""
 
 
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
@@ -118,6 +123,8 @@ COMMAND = np.dtype(
         ("duration", "f8"),
         ("stiffness", "f8", 2),
         ("ends", _END, MAX_ENDS),
+        ("device", "i4"),  # DEVICE: row in RobotDescription.devices
+        ("device_values", "f8", COMMANDED),
         ("payload_length", "u8"),  # float64s that follow
     ],
     align=True,
@@ -125,9 +132,9 @@ COMMAND = np.dtype(
 """A command's header; a trajectory's knots follow as float64: times (k), positions (k·m), velocities (k·m)."""
 
 
-def snapshot_dtype(joints: int, channels: int) -> np.dtype:
-    """The record that the loop writes in every cycle, for a robot of `joints` joints on `channels` buses."""
-    n = joints
+def snapshot_dtype(description: RobotDescription) -> np.dtype:
+    """The record that the loop writes in every cycle, for one robot."""
+    n, channels, devices = len(description.joints), len(description.channels), len(description.devices)
     action = np.dtype(
         [
             ("serial", "u8"),  # of the START; 0: never used
@@ -178,6 +185,8 @@ def snapshot_dtype(joints: int, channels: int) -> np.dtype:
             ("frames_sent", "i8", channels),
             ("frames_received", "i8", channels),
             ("busy_ns", "i8", channels),  # bus time in use since the start, both directions
+            ("device_values", "f8", (devices, MEASURED)),  # hal.device's measured columns
+            ("device_age", "i8", devices),  # cycles since the device's last valid frame
         ],
         align=True,
     )

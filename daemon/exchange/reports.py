@@ -65,7 +65,10 @@ def action_event(
 
 
 def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, str]:
-    """(message, field, value, expectation) of a command that the loop did not accept; `joint` is that of `answer_joint`, or ""."""
+    """(message, field, value, expectation) of a command that the loop did not accept.
+
+    `joint`: that of `answer_joint`, or the device, or "".
+    """
     told = {
         Answer.NOT_ENABLED: ("the robot is not enabled: call Enable first", "enabled", "false", "true"),
         Answer.STOP_LATCHED: (
@@ -85,6 +88,7 @@ def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, st
         Answer.NO_SUCH_ACTION: ("no such action is running", "id", "", "a running action"),
         Answer.TOO_MANY: ("too many at once: end one first", "count", "", "a free slot"),
         Answer.DRIVE_FAULT: (f"the drive of {joint} does not enable", "drive", joint, "a drive without fault"),
+        Answer.DEVICE_SILENT: (f"{joint} does not answer", "device", joint, "a device that answers"),
         Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
     }
     return told.get(answer, (f"the loop answered {answer.name.lower()}", "", "", ""))

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -169,13 +170,13 @@ def test_a_folder_that_cannot_be_used_is_one_line_that_names_it(runtime: Runtime
 def test_what_another_robot_left_in_the_folder_goes_and_what_this_one_left_stays(
     talos: RobotDescription, runtime: Runtime
 ) -> None:
-    ours = exchange.snapshot_dtype(len(talos.joints), len(talos.channels))
+    ours = exchange.snapshot_dtype(talos)
     StateRingWriter(runtime.state_ring, ours)
     MailboxReader(runtime.mailbox, exchange.COMMAND)
     drop_leftovers(runtime, talos)
     assert runtime.state_ring.exists()
     assert runtime.mailbox.exists()
-    StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(3, 1))
+    StateRingWriter(runtime.state_ring, np.dtype([("of_another_robot", "f8", 3)]))
     runtime.mailbox.write_bytes(b"")
     drop_leftovers(runtime, talos)
     assert not runtime.state_ring.exists()

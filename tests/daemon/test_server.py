@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import shutil
 import socket
@@ -25,7 +26,7 @@ from daemon.server import Server
 from hal.drives.lifecycle import State, statusword
 from handrail import messages as m
 from handrail.robot import description as robots
-from handrail.robot.description import RobotDescription
+from handrail.robot.description import Device, RobotDescription
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber
 
@@ -38,9 +39,7 @@ class FakeLoop:
     def __init__(self, description: RobotDescription, runtime: Runtime):
         self._frames = exchange.frame_names(description)
         self.mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
-        self.ring = StateRingWriter(
-            runtime.state_ring, exchange.snapshot_dtype(len(description.joints), len(description.channels))
-        )
+        self.ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         self.snapshot = self.ring.record
         self.snapshot["command"][0] = self.snapshot["position"] = description.home_position("ready")
         self.snapshot["status"] = statusword(State.OPERATION_ENABLED)
@@ -602,3 +601,112 @@ def test_health_of_the_services_processes_is_in_the_status(rig: Rig) -> None:
     write_health(Path(rig.runtime.folder), {"loop": "up", "link": "down, starting anew (died once)"})
     status = rig.until(m.DaemonStatus, lambda status: status.processes != {})
     assert status.processes["link"] == "down, starting anew (died once)"
+
+
+# ---------------------------------------------------------------------------------------------------------------- devices
+
+
+@pytest.fixture
+def hand_rig(talos: RobotDescription) -> Iterator[Rig]:
+    """A robot with an IMU, a gripper, a battery, and something that nobody has heard of."""
+    devices = (
+        Device("imu", "imu", 0, "can0", "torso_2_link", ""),
+        Device("hand", "gripper", 0, "can0", "", "finger_joint"),
+        Device("battery", "power", 0, "can1", "", ""),
+        Device("oddity", "odd", 0, "can1", "", ""),
+    )
+    made = Rig(dataclasses.replace(talos, devices=devices, device_limits={"finger_joint": (-0.1, 1.0, 0.8, 40.0)}))
+    yield made
+    made.close()
+
+
+def devices_of(rig: Rig, **changes: list[float]) -> np.ndarray:
+    """Rows of measurements: everything well, unless told otherwise by device name."""
+    well = {
+        "imu": [0.0, 0.0, 0.0, 1.0, 0.1, 0.2, 0.3, 0.0, 0.0, 9.81],
+        "hand": [0.4, 0.05, 3.0, 30.0, int(State.OPERATION_ENABLED), 1.0],
+        "battery": [54.0, 2.0, 0.7, 27.0, 1.0],
+        "oddity": [7.0],
+    }
+    values = np.zeros((len(rig.description.devices), 16))
+    for row, device in enumerate(rig.description.devices):
+        told = changes.get(device.name, well[device.name])
+        values[row, : len(told)] = told
+    return values
+
+
+def test_device_states_go_out_at_25_hz_of_the_robots_time(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    list(hand_rig.events.drain())
+    loop.cycle(100, device_values=devices_of(hand_rig), device_age=[0, 1, 40, 0])  # 200 ms of the robot's time
+    states = [hand_rig.until(m.DeviceStates, lambda _: True) for _ in range(5)]
+    assert np.diff([state.time_ns for state in states]).tolist() == [40_000_000] * 4
+    last = states[-1]
+    assert last.imus[0].linear_acceleration == (0.0, 0.0, 9.81)
+    hand = last.grippers[0]
+    assert (hand.name, hand.joint, hand.position, hand.state) == ("hand", "finger_joint", 0.4, "operation_enabled")
+    assert hand.holding
+    assert last.powers[0].voltage == 54.0
+    assert last.powers[0].relay
+    assert last.powers[0].age == 40
+    assert [(other.name, other.family) for other in last.others] == [("oddity", "odd")]
+
+
+def test_a_robot_without_devices_tells_of_none(talos: RobotDescription) -> None:
+    rig = Rig(dataclasses.replace(talos, devices=()))
+    try:
+        loop = rig.start_loop()
+        list(rig.events.drain())
+        loop.cycle(200)
+        told = {type(rig.until(m.RobotState | m.DeviceStates, lambda _: True)) for _ in range(20)}  # type: ignore[arg-type]
+        assert told == {m.RobotState}
+    finally:
+        rig.close()
+
+
+def test_what_is_wrong_with_a_device_is_told_at_once_and_the_robot_stays_enabled(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    values = devices_of(hand_rig, battery=[47.0, 2.0, 0.08, 27.0, 1.0])
+    loop.cycle(device_values=values, device_age=[300, 0, 40, 0])
+    told = hand_rig.until(m.DaemonStatus, lambda status: any(device.problem for device in status.devices))
+    assert [device.problem for device in told.devices] == ["does not answer", "", "battery low: 8%", ""]
+    assert told.enabled
+    loop.cycle(device_values=devices_of(hand_rig, battery=[54.0, 2.0, 0.7, 27.0, 0.0]), device_age=[0, 0, 0, 0])
+    told = hand_rig.until(m.DaemonStatus, lambda status: "relay" in status.devices[2].problem)
+    assert told.devices[0].problem == ""
+
+
+def test_a_gripper_is_commanded_by_name_and_what_is_left_out_means_its_limit(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    hand_rig.call(m.CommandGripper(gripper="hand", position=0.7, effort=15.0))
+    command = loop.wait_for(Kind.DEVICE)
+    assert command.device == 1
+    assert command.device_values is not None
+    assert command.device_values[:3].tolist() == [0.7, 0.8, 15.0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field", "expected"),
+    [
+        ({"gripper": "hnad"}, "gripper", "hand"),
+        ({"gripper": "battery"}, "gripper", "hand"),
+        ({"position": 1.2}, "position", "-0.1 to 1"),
+        ({"position": math.nan}, "position", "finite"),
+        ({"velocity": 0.9}, "velocity", "at most 0.8"),
+        ({"effort": 41.0}, "effort", "at most 40"),
+    ],
+)
+def test_a_gripper_command_that_can_not_be_done_is_refused_before_the_loop_sees_it(
+    hand_rig: Rig, wrong: dict[str, Any], field: str, expected: str
+) -> None:
+    loop = hand_rig.start_loop()
+    refused = hand_rig.refusal(m.CommandGripper(**{"gripper": "hand", "position": 0.5, **wrong}))
+    assert refused.field == field
+    assert expected in refused.expected
+    assert loop.commands == []
+
+
+def test_a_gripper_that_does_not_answer_is_named_in_the_refusal(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    loop.answers[Kind.DEVICE] = (Answer.DEVICE_SILENT, 1, 0.0)
+    assert hand_rig.refusal(m.CommandGripper(gripper="hand", position=0.5)).message == "hand does not answer"

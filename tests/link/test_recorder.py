@@ -22,11 +22,14 @@ from handrail.messages import (
     BusStatistics,
     DaemonEvent,
     DaemonStatus,
+    DeviceStates,
     EngineEvent,
+    ImuState,
     InstanceState,
     LogLine,
     LoopStatistics,
     Pose,
+    PowerState,
     RobotInfo,
     RobotState,
     RunState,
@@ -56,6 +59,19 @@ STATUS = DaemonStatus(
     controllers={"hold": ["arm_right_1_joint"]},
     loop=LoopStatistics(),
     buses=[],
+)
+DEVICES = DeviceStates(
+    time_ns=STEP_NS,
+    imus=[
+        ImuState(
+            name="torso_imu",
+            age=0,
+            orientation=(0.0, 0.0, 0.0, 1.0),
+            angular_velocity=(0.0, 0.0, 0.1),
+            linear_acceleration=(0.0, 0.0, 9.81),
+        )
+    ],
+    powers=[PowerState(name="battery", age=3, voltage=54.0, current=2.0, charge=0.7, temperature=27.0, relay=True)],
 )
 INSTANCE = InstanceState(
     name="wheel_1",
@@ -149,8 +165,15 @@ class TestARecording:
             assert counts[topic] == 1, topic
         assert reader.get_summary().statistics.message_count == len(rows)
 
+    def test_devices_have_a_topic_each_with_their_own_schema(self):
+        _, rows = recorded([DEVICES])
+        assert {(channel.topic, schema.name) for schema, channel, _, _ in rows} == {
+            ("/device/torso_imu", "handrail.ImuState"),
+            ("/device/battery", "handrail.PowerState"),
+        }
+
     def test_messages_fit_their_schemas(self):
-        _, rows = recorded([state(1), STATUS, INSTANCE, LogLine(source="engine", level="error", text="no")])
+        _, rows = recorded([state(1), STATUS, DEVICES, INSTANCE, LogLine(source="engine", level="error", text="no")])
         assert rows
         for schema, channel, _, data in rows:
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")

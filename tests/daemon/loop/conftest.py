@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -120,7 +121,7 @@ class Bench:
         self.drives = JointDrives(description, kinematics, protocol)
         self.hardware = Hardware(description, self.drives, protocol)
         self.loop = Loop(self.hardware, kinematics, True, self.runtime)
-        dtype = exchange.snapshot_dtype(len(description.joints), len(description.channels))
+        dtype = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(self.runtime.state_ring, dtype)
         self._mailbox = MailboxWriter(self.runtime.mailbox, exchange.COMMAND)
         self._serial = 0
@@ -187,6 +188,11 @@ class Bench:
             **fields,  # type: ignore[arg-type]
         )
 
+    def post_device(self, row: int, values: Sequence[float]) -> None:
+        """Put a command for a device into the mailbox."""
+        self._serial += 1
+        self._mailbox.post(exchange.encode_device(self._serial, row, values))
+
     def ring_loop(self) -> None:
         """Wake a loop that holds time, as the server does."""
         bell = Bell(loop_doorbell(self.runtime.folder))
@@ -217,9 +223,23 @@ def talos_protocol(talos: RobotDescription) -> LimbProtocol:
 
 
 @pytest.fixture
-def bench(talos: RobotDescription, talos_kinematics: Kinematics, talos_protocol: LimbProtocol) -> Iterator[Bench]:
-    folder = Path(tempfile.mkdtemp(prefix="hr"))
-    made = Bench(folder, talos, talos_kinematics, talos_protocol)
-    yield made
-    made.loop.close()
-    shutil.rmtree(folder)
+def make_bench(talos_kinematics: Kinematics, talos_protocol: LimbProtocol) -> Iterator[Callable[..., Bench]]:
+    """Makes a bench for a description of TALOS."""
+    made: list[tuple[Bench, Path]] = []
+
+    def make(description: RobotDescription) -> Bench:
+        folder = Path(tempfile.mkdtemp(prefix="hr"))
+        kinematics = copy.copy(talos_kinematics)
+        kinematics.description = description
+        made.append((Bench(folder, description, kinematics, type(talos_protocol)(description)), folder))
+        return made[-1][0]
+
+    yield make
+    for bench, folder in made:
+        bench.loop.close()
+        shutil.rmtree(folder)
+
+
+@pytest.fixture
+def bench(talos: RobotDescription, make_bench: Callable[..., Bench]) -> Bench:
+    return make_bench(talos)

@@ -1,0 +1,117 @@
+"""What the nodes that are no joints measured, and what is wrong with them, from a snapshot to messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hal.drives.lifecycle import State
+from handrail.messages import (
+    DeviceStates,
+    DeviceStatus,
+    DeviceValues,
+    ForceTorqueState,
+    GripperState,
+    ImuState,
+    PowerState,
+)
+from handrail.robot.description import Device, RobotDescription
+
+_SILENT_CYCLES = 250
+"""without a frame, after which a device counts as silent: five times the longest period (power: 50 cycles)"""
+_LOW_CHARGE = 0.15
+
+
+def device_states(
+    snapshot: np.ndarray | np.void, description: RobotDescription, columns: Mapping[str, Sequence[str]]
+) -> DeviceStates:
+    """Every device's last measurement; ages say how old each is.
+
+    `columns`: family → names of its measured columns, for families that have no message of their own.
+    """
+    states = DeviceStates(time_ns=int(snapshot["time_ns"]))
+    for device, values, age in _rows(snapshot, description):
+        common: dict[str, Any] = {"name": device.name, "age": age}
+        match device.family:
+            case "imu":
+                qx, qy, qz, qw, wx, wy, wz, ax, ay, az = values[:10]
+                states.imus.append(
+                    ImuState(
+                        **common,
+                        orientation=(qx, qy, qz, qw),
+                        angular_velocity=(wx, wy, wz),
+                        linear_acceleration=(ax, ay, az),
+                    )
+                )
+            case "force_torque":
+                fx, fy, fz, tx, ty, tz = values[:6]
+                states.force_torques.append(ForceTorqueState(**common, force=(fx, fy, fz), torque=(tx, ty, tz)))
+            case "gripper":
+                position, velocity, effort, temperature, state, holding = values[:6]
+                states.grippers.append(
+                    GripperState(
+                        **common,
+                        joint=device.joint,
+                        position=position,
+                        velocity=velocity,
+                        effort=effort,
+                        temperature=temperature,
+                        state=_state(state) if age <= _SILENT_CYCLES else "unknown",
+                        holding=holding > 0.5,
+                    )
+                )
+            case "power":
+                voltage, current, charge, temperature, relay = values[:5]
+                states.powers.append(
+                    PowerState(
+                        **common,
+                        voltage=voltage,
+                        current=current,
+                        charge=charge,
+                        temperature=temperature,
+                        relay=relay > 0.5,
+                    )
+                )
+            case family:
+                names = list(columns.get(family, ()))
+                states.others.append(DeviceValues(**common, family=family, columns=names, values=values[: len(names)]))
+    return states
+
+
+def device_statuses(snapshot: np.ndarray | None, description: RobotDescription) -> list[DeviceStatus]:
+    """What is wrong with each device; None: no loop tells."""
+    if snapshot is None:
+        return [
+            DeviceStatus(name=device.name, family=device.family, problem="unknown") for device in description.devices
+        ]
+    return [
+        DeviceStatus(name=device.name, family=device.family, problem=_problem(device, values, age))
+        for device, values, age in _rows(snapshot, description)
+    ]
+
+
+def _problem(device: Device, values: Sequence[float], age: int) -> str:
+    if age > _SILENT_CYCLES:
+        return "does not answer"
+    if device.family == "gripper" and _state(values[4]) == "fault":
+        return "fault"
+    if device.family == "power":
+        if values[4] <= 0.5:
+            return "its relay is open: the drives have no power"
+        if values[2] < _LOW_CHARGE:
+            return f"battery low: {values[2]:.0%}"
+    return ""
+
+
+def _rows(snapshot: np.ndarray | np.void, description: RobotDescription) -> list[tuple[Device, list[float], int]]:
+    values, ages = snapshot["device_values"].tolist(), snapshot["device_age"].tolist()
+    return list(zip(description.devices, values, ages, strict=True))
+
+
+def _state(number: float) -> str:
+    try:
+        return State(round(number)).name.lower()
+    except ValueError:
+        return "unknown"

@@ -5,6 +5,9 @@ and `transmit`. No listener can hold up the bus: what a slow one has not taken w
 counted, and told to it (hal.can.frames.LOST). Timestamps are when a frame would have ended on a real bus of that bit rate,
 counted on the hub's clock; frames are passed on at once.
 
+With bit timing on, frames wait in their sender's FIFO, go out as the arbitration lets them, and are passed on when they end. So
+do they while a fault is on the bus, though then only a babbling node makes them take their time (hal.can.traffic).
+
     python -m hal.can.hub --runtime DIR --channels can0,can1      a bus without a robot, for tests and tools
 """
 
@@ -26,14 +29,17 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import control, tally, wire
+from hal.can import control, faults, tally, transit, wire
+from hal.can.alarm import Alarm
 from hal.can.arbitration import admit, arbitrate, by_priority
 from hal.can.arbitration import select as select_records
 from hal.can.control import BusReport, ChannelState, IdentifierLoad, NodeState
 from hal.can.faults import Fault
-from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK, WORDS
+from hal.can.frames import BYTES, EXTENDED, MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.node import Node
 from hal.can.timing import BusTiming, LoadMeter
+from hal.can.traffic import TURN_ROOM, Traffic
+from handrail.config import ConfigError
 from handrail.runtime import Runtime
 
 _CAPACITY = 8192
@@ -42,6 +48,8 @@ _TURN = 16
 """Datagrams that one poll takes from one node, so that a flood from one can't starve the others."""
 _QUEUE = 65536
 """Records that wait for one slow listener, about 5 MB."""
+_FIFO = 128
+"""Frames that a node's transmit FIFO on one channel holds: at 1/5 Mbit/s some 20 ms of a full bus."""
 _MOST_NODES = 64
 """Processes on the bus; node 0 is the hub itself. Its own drives are numbered behind."""
 
@@ -67,10 +75,13 @@ class Hub:
         *,
         clock: Callable[[], int] = time.time_ns,
         queue: int = _QUEUE,
+        timing: bool = False,
+        fifo: int = _FIFO,
     ):
         """Listens at `path`. `channels`: names, or anything with name, bitrate and data_bitrate (bit/s).
 
         clock: ns for the frames' timestamps; the plant gives its own. queue: records that may wait for a slow listener.
+        timing: frames take the time that they would on a real bus; fifo: frames in each node's transmit queue on a channel.
         Raises ValueError on a bad list of channels, OSError when the path can't be used or another hub listens there.
         """
         self.channels = [
@@ -89,18 +100,24 @@ class Hub:
         self.dropped = 0
         """records dropped for slow listeners"""
         self._inbox = np.zeros(WORDS * (_CAPACITY + wire.MAX_RECORDS + 1), np.uint64)
-        self._ordered = np.zeros(WORDS * _CAPACITY, np.uint64)
-        self._selected = np.zeros(WORDS * _CAPACITY, np.uint64)
+        self._ordered = np.zeros(WORDS * TURN_ROOM, np.uint64)
+        self._selected = np.zeros(WORDS * TURN_ROOM, np.uint64)
         self._inbox_bytes = self._inbox.data.cast("B")
         self._selected_bytes = self._selected.data.cast("B")
         self._records = self._ordered.view(RECORD)
-        self._node, self._ordered_node = np.zeros(_CAPACITY, np.int64), np.zeros(_CAPACITY, np.int64)
+        self._node, self._ordered_node = np.zeros(_CAPACITY, np.int64), np.zeros(TURN_ROOM, np.int64)
         self._as_they_came, self._order = np.arange(_CAPACITY), np.zeros(_CAPACITY, np.int64)
         self._heads, self._following = np.full((count, _MOST_NODES, 2), -1, np.int64), np.zeros(_CAPACITY, np.int64)
-        self._own_names: tuple[str, ...] = ()
         self._own_channels: tuple[int, ...] = ()
-        self._faults: dict[int, Fault] = {}
-        self._next_fault = 1
+        self._timing, self._fifo = timing, fifo
+        self._names = ["hub", *(f"node{number}" for number in range(1, _MOST_NODES))]
+        self._traffic = self._new_traffic()
+        self._unread: list[npt.NDArray[np.void]] = []
+        self._cycle: tuple[int, int, int] | None = None  # lock-step: period in ns, identifiers of Sync and HoldTime
+        self.heard: tuple[int, int] | None = None
+        """lock-step: how many Sync and HoldTime the last `poll` took in, whatever the bus then did to them; None: the quick
+        path, on which they are among the frames that `poll` gave"""
+        self._inbox_records = self._inbox.view(RECORD)
         self._own = np.where(np.arange(MAX_CHANNELS) < count, np.arange(MAX_CHANNELS), -1)
         self._warm()
         self._nodes: dict[int, Node] = {}
@@ -108,6 +125,13 @@ class Hub:
         self._listener = _listen(self._path)
         self._epoll = select.epoll()
         self._epoll.register(self._listener, select.EPOLLIN)
+        self._alarm = Alarm()
+        self._epoll.register(self._alarm, select.EPOLLIN)
+
+    def _new_traffic(self) -> Traffic:
+        return Traffic(
+            self.channels, self._totals, self._identifiers, self._names, timing=self._timing, fifo=self._fifo
+        )
 
     def _warm(self) -> None:
         # Compile every kernel before anybody joins: a slow first cycle would fill the sockets.
@@ -149,8 +173,34 @@ class Hub:
                 raise ValueError(f"hub: own nodes: name {name!r} twice; expected different names")
             if channel not in known:
                 raise ValueError(f"hub: own node {name}: channel {channel!r}; expected one of {known}")
-        self._own_names, self._own_channels = tuple(names), tuple(known.index(channel) for channel in channels)
-        self._heads = np.full((len(known), _MOST_NODES + len(names), 2), -1, np.int64)
+        if self.listeners or self._traffic.disturbance:
+            raise ValueError("hub: own nodes: the bus is in use already; expected before anybody joins")
+        self._own_channels = tuple(known.index(channel) for channel in channels)
+        self._names[_MOST_NODES:] = names
+        self._heads = np.full((len(known), len(self._names), 2), -1, np.int64)
+        self._traffic = self._new_traffic()
+        for number, bus in enumerate(self._own_channels, _MOST_NODES):
+            self._traffic.join(number, [bus])
+
+    def lockstep(self, period_ns: int, sync: int, hold: int) -> None:
+        """Say that the clock stands until whoever runs the hub has heard Sync (identifier, first channel) from the host.
+
+        On a bus that keeps bit timing a cycle's frames then have a period's time, as they would: what has not ended by then
+        comes in the next cycle. HoldTime, which says that time stands, takes no time on the bus.
+        """
+        self._cycle = (period_ns, sync, hold)
+
+    def deaf(self) -> npt.NDArray[np.bool_] | None:
+        """(own nodes,) which of the hub's own nodes hear nothing: bus-off, or their cable is cut. None: all hear."""
+        if not self._traffic.careful:
+            return None
+        numbers = np.arange(_MOST_NODES, len(self._names))
+        return ~self._traffic.hears(numbers, np.array(self._own_channels, np.int64))
+
+    @property
+    def careful(self) -> bool:
+        """Frames may be under way that nobody sends any more: bit timing is on, or a fault is or was on the bus."""
+        return self._traffic.careful or bool(self._unread)
 
     def poll(self, timeout_s: float | None = 0.0) -> npt.NDArray[np.void]:
         """Frames from the other processes since the last call, in the order in which the buses carry them.
@@ -160,17 +210,26 @@ class Hub:
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         wait = timeout_s
+        self.heard = None
         while True:
+            if self._traffic.careful or self._unread:
+                wait = self._careful_wait(deadline)
             n = 0
             for descriptor, event in self._epoll.poll(wait):
                 if descriptor == self._listener.fileno():
                     self._accept()
+                elif descriptor == self._alarm.fileno():
+                    self._alarm.set(None)
                 elif (node := self._nodes.get(descriptor)) is not None:
                     if event & select.EPOLLOUT and not node.flush(self._clock):
                         self._epoll.modify(node.connection, select.EPOLLIN)
                     if event & ~select.EPOLLOUT:
                         n = self._take(node, n)
-            if n:
+            if self._traffic.careful or self._unread:
+                received = self._turn(n)
+                if n or len(received):
+                    return received
+            elif n:
                 self._arbitrate(self._as_they_came, n, self._clock())
                 self._pass_on(n)
                 return self._records[:n]
@@ -195,14 +254,22 @@ class Hub:
         good = admit(self._inbox, 0, n, self._own)
         if good != n:
             raise ValueError(f"hub: {n - good} of {n} records are no CAN frames or name a channel that is not there")
+        if senders is not None:
+            if len(senders) != n or (n and not 0 <= senders.min() <= senders.max() < len(self._own_channels)):
+                raise ValueError(f"hub: senders {senders}; expected {n} places in {len(self._own_channels)} own nodes")
+            np.add(senders, _MOST_NODES, out=self._node[:n])
+        if self._traffic.careful:
+            if senders is None:
+                self._node[:n] = 0
+            received = self._turn(n, takes_in=False)
+            if len(received):
+                self._unread.append(received.copy())
+            return self._records[: self._carried]
         if senders is None:
             by_priority(self._inbox, n, self._order)
             self._node[:n] = 0
             self._arbitrate(self._order, n, self._clock())
         else:
-            if len(senders) != n or (n and not 0 <= senders.min() <= senders.max() < len(self._own_names)):
-                raise ValueError(f"hub: senders {senders}; expected {n} places in {len(self._own_names)} own nodes")
-            np.add(senders, _MOST_NODES, out=self._node[:n])
             self._arbitrate(self._as_they_came, n, self._clock())
         self._pass_on(n)
         return self._records[:n]
@@ -227,52 +294,50 @@ class Hub:
             for bus, (channel, of) in enumerate(zip(self.channels, carried, strict=True))
         ]
         places = [
-            (node.name, bus)
-            for node in self._nodes.values()
-            if node.greeted and not node.control
-            for bus in range(len(channels))
-            if node.outbound[bus] >= 0
+            *enumerate(self._own_channels, _MOST_NODES),
+            *(
+                (node.number, bus)
+                for node in self._nodes.values()
+                if node.greeted and not node.control
+                for bus in range(len(channels))
+                if node.outbound[bus] >= 0
+            ),
         ]
         return BusReport(
             time_ns=self._clock(),
-            timing=False,
+            timing=self._timing,
             channels=channels,
-            nodes=[
-                NodeState(
-                    name=name,
-                    channel=self.channels[bus].name,
-                    state="error_active",
-                    transmit_errors=0,
-                    receive_errors=0,
-                    waiting=0,
-                    overflows=0,
-                )
-                for name, bus in [*zip(self._own_names, self._own_channels, strict=True), *places]
-            ],
-            faults=dict(self._faults),
-            hits=dict.fromkeys(self._faults, 0),
+            nodes=[self._node_state(number, bus) for number, bus in places],
+            faults=self._traffic.disturbance.faults,
+            hits=self._traffic.disturbance.hits,
+        )
+
+    def _node_state(self, number: int, bus: int) -> NodeState:
+        state, transmit_errors, receive_errors, waiting, overflows = self._traffic.of_node(number, bus)
+        return NodeState(
+            name=self._names[number],
+            channel=self.channels[bus].name,
+            state=state,
+            transmit_errors=transmit_errors,
+            receive_errors=receive_errors,
+            waiting=waiting,
+            overflows=overflows,
         )
 
     def add_fault(self, fault: Fault) -> int:
         """Lay a fault on the bus; returns its number. Raises ValueError when it can't ever act here."""
-        names = [channel.name for channel in self.channels]
-        if fault.channel is not None and fault.channel not in names:
-            raise ValueError(f"fault: channel {fault.channel!r}; expected one of {names}")
-        if fault.node is None and fault.kind in ("babble", "bus_off"):
-            raise ValueError(f"fault {fault.kind}: node is missing; expected a node's name")
-        number, self._next_fault = self._next_fault, self._next_fault + 1
-        self._faults[number] = fault
+        now = self._clock()
+        number = self._traffic.disturbance.add(fault, now)
+        self._traffic.changed(now)
         return number
+
+    def check_fault(self, fault: Fault) -> None:
+        """Raises ValueError when `add_fault` would."""
+        self._traffic.disturbance.check(fault)
 
     def clear_fault(self, number: int | None = None) -> int:
         """Take back one fault, or all (None); returns how many. Raises ValueError when there is no such fault."""
-        if number is None:
-            count = len(self._faults)
-            self._faults.clear()
-            return count
-        if self._faults.pop(number, None) is None:
-            raise ValueError(f"fault {number}: there is none of that number; expected one of {sorted(self._faults)}")
-        return 1
+        return self._traffic.disturbance.clear(number, self._clock())
 
     def statistics(self) -> list[ChannelStatistics]:
         """What every channel has carried. Call it several times a second for a load that is up to date."""
@@ -292,6 +357,7 @@ class Hub:
         """Leave: every process on the bus notices."""
         for node in list(self._nodes.values()):
             self._part(node)
+        self._alarm.close()
         self._epoll.close()
         self._listener.close()
         with contextlib.suppress(FileNotFoundError):
@@ -303,17 +369,15 @@ class Hub:
         notice["flags"], notice["time_ns"] = TICK, self._clock()
         for node in self._nodes.values():
             if node.ticks:
-                waits = node.waiting
-                node.send(notice.view(np.uint8).data, self._clock)
-                if node.waiting and not waits:
-                    self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
+                self._send(node, notice.view(np.uint8).data)
 
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
             connection, _ = self._listener.accept()
             wire.prepare(connection)
             taken = {node.number for node in self._nodes.values()}
-            number = next((i for i in range(1, _MOST_NODES) if i not in taken), None)
+            free = (i for i in range(1, _MOST_NODES) if i not in taken and not self._traffic.is_sending(i))
+            number = next(free, None)
             if number is None:
                 with contextlib.suppress(OSError):
                     connection.send(
@@ -329,6 +393,8 @@ class Hub:
         with contextlib.suppress(OSError):
             self._epoll.unregister(node.connection)
         node.connection.close()
+        if node.greeted and not node.control:
+            self._traffic.leave(node.number)
 
     def _take(self, node: Node, n: int) -> int:
         """Read a node's datagrams behind the n records that are there; returns how many there are then."""
@@ -386,8 +452,11 @@ class Hub:
         except OSError:
             return False
         node.greeted, node.own_frames = True, hello.own_frames
-        node.name, node.control = hello.name or node.name, hello.role == "control"
-        node.ticks = hello.ticks
+        node.control, node.ticks = hello.role == "control", hello.ticks
+        if not node.control:
+            self._names[node.number] = hello.name or f"node{node.number}"
+            self._traffic.join(node.number, [names.index(name) for name in wanted])
+            self._traffic.changed(self._clock())
         return True
 
     def _serve(self, node: Node, datagram: bytes) -> None:
@@ -407,18 +476,62 @@ class Hub:
         with contextlib.suppress(OSError):
             node.connection.send(wire.encode(answer))
 
+    def _turn(self, n: int, *, takes_in: bool = True) -> npt.NDArray[np.void]:
+        """The careful path for n records in the inbox, passed on when they end; returns those that other processes sent."""
+        now = self._clock()
+        records, node = self._inbox_records[:n], self._node[:n]
+        ahead = 0
+        if self._cycle is not None:
+            ahead, sync, hold = self._cycle
+            if takes_in:
+                first = np.where((records["bus"] == 0) & (records["flags"] & EXTENDED == 0), records["can_id"], -1)
+                self.heard = int(np.count_nonzero(first == sync)), int(np.count_nonzero(first == hold))
+                if self.heard[1]:
+                    records, node = records[first != hold], node[first != hold]
+        words, nodes, self._carried = self._traffic.turn(records, node, now, ahead)
+        count = self._carried
+        self._ordered[: WORDS * count], self._ordered_node[:count] = words[: WORDS * count], nodes[:count]
+        if count:
+            self._pass_on(count)
+        from_others = self._records[:count][self._ordered_node[:count] < _MOST_NODES]
+        if takes_in and self._unread:
+            from_others = np.concatenate([*self._unread, from_others])
+            self._unread.clear()
+        return from_others
+
+    def _careful_wait(self, deadline: float | None) -> float | None:
+        """How long epoll may wait; the alarm ends that when a frame ends on the bus, or at the deadline."""
+        if self._unread:
+            return 0.0
+        left = None if deadline is None else deadline - time.monotonic()
+        if self._cycle is not None or (left is not None and left <= 0.0):
+            return left if left is None else max(0.0, left)  # in lock-step the clock moves only between two calls
+        when = self._traffic.next_event()
+        until_event = None if when == transit.NEVER else when - self._clock()
+        until_deadline = None if left is None else int(left * 1e9)
+        self._alarm.set(min((d for d in (until_event, until_deadline) if d is not None), default=None))
+        return None
+
     def _pass_on(self, n: int) -> None:
         for node in list(self._nodes.values()):
             if not node.greeted or node.control:
                 continue
             skip = -1 if node.own_frames else node.number
-            count = select_records(self._ordered, self._ordered_node, n, skip, node.outbound, self._selected)
+            wanted = node.outbound
+            if self._traffic.careful:
+                wanted = wanted.copy()
+                every = np.arange(len(self.channels))
+                wanted[: len(every)][~self._traffic.hears(np.full(len(every), node.number), every)] = -1
+            count = select_records(self._ordered, self._ordered_node, n, skip, wanted, self._selected)
             for start in range(0, count, wire.MAX_RECORDS):
                 stop = min(count, start + wire.MAX_RECORDS)
-                waits = node.waiting
-                self.dropped += node.send(self._selected_bytes[BYTES * start : BYTES * stop], self._clock)
-                if node.waiting and not waits:
-                    self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
+                self._send(node, self._selected_bytes[BYTES * start : BYTES * stop])
+
+    def _send(self, node: Node, datagram: memoryview) -> None:
+        waits = node.waiting
+        self.dropped += node.send(datagram, self._clock)
+        if node.waiting and not waits:
+            self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
 
 
 def _listen(path: Path) -> socket.socket:
@@ -447,13 +560,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--data-bitrate", type=int, default=5_000_000, help="bit/s of CAN FD's data phase (default: 5000000)"
     )
+    parser.add_argument("--timing", action="store_true", help="frames take the time that they would on a real bus")
+    parser.add_argument("--faults", help="YAML file of faults that lie on the bus from the start")
     options = parser.parse_args(arguments)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(0))
     try:
         channels = [BusTiming(name, options.bitrate, options.data_bitrate) for name in options.channels.split(",")]
-        hub = Hub(Runtime.at(options.runtime).bus, channels)
-    except (OSError, ValueError) as error:
+        script = faults.read(options.faults) if options.faults else []
+        hub = Hub(Runtime.at(options.runtime).bus, channels, timing=options.timing)
+        for fault in script:
+            hub.add_fault(fault)
+    except (ConfigError, OSError, ValueError) as error:
         sys.exit(str(error))
     print("hub ready", flush=True)
     with contextlib.closing(hub):

@@ -22,14 +22,16 @@ class BusNode:
         """frames for drives that had a bad CRC or a wrong length: ignored, and not answered"""
         drives, limbs = world.drives, world.description.limbs
         n = len(drives)
+        self._protocol = LimbProtocol(world.description)
         channel = {joint: limb.channel for limb in limbs for joint in limb.joints}
         self.names = world.description.joints
         """the nodes on the bus: each drive has its joint's name"""
         self.channels = tuple(channel[joint] for joint in self.names)
+        self.sync_id, self.hold_id = (self._protocol.codec.layout(name).frame_id for name in ("Sync", "HoldTime"))
+        """identifiers by which the host moves and holds time"""
         self.senders = np.zeros(0, np.int64)
         """which of them sent each of the frames that `answer` gave last"""
         self._drives = drives
-        self._protocol = LimbProtocol(world.description)
         self._targets = DriveTargets(n)
         self._owed = np.zeros(n, np.bool_)
         self._out = frames.empty(n)
@@ -40,10 +42,15 @@ class BusNode:
         state.temperature, state.error = drives.temperature, drives.error
         state.sequence = self._targets.sequence
 
-    def receive(self, records: npt.NDArray[np.void]) -> tuple[int, int]:
-        """Take frames of other nodes; returns how many of them were Sync and HoldTime on the first channel."""
+    def receive(self, records: npt.NDArray[np.void], deaf: npt.NDArray[np.bool_] | None = None) -> tuple[int, int]:
+        """Take frames of other nodes; returns how many of them were Sync and HoldTime on the first channel.
+
+        deaf (names,): nodes that the bus keeps the frames from.
+        """
         targets, drives, owed = self._targets, self._drives, self._owed
         self.refused += self._protocol.decode(records, len(records), targets)[1]
+        if deaf is not None:
+            targets.controlled[deaf] = targets.commanded[deaf] = False
         if np.count_nonzero(targets.controlled):
             drives.control(targets.controlword, targets.controlled)
             np.logical_or(owed, targets.controlled, out=owed)

@@ -16,9 +16,14 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TextIO
 
+import numpy as np
+import numpy.typing as npt
+
+from hal.can import faults
+from hal.can.faults import Fault
 from hal.can.hub import Hub
 from hal.can.timing import BusTiming
 from hal.joint import JointCommand
@@ -43,12 +48,28 @@ _PATIENCE_S = 0.2
 """the longest wait, so that SIGTERM is heard"""
 _PRIORITY, _CPUS = 70, (0,)  # below the daemon's, on the other core
 _MOST_STEPS_AT_ONCE = 50
+_BUSY_NS = 100_000
+"""wall clock: so long before a step the bus is left alone, so that the step is on time"""
+
+
+class _WallBusClock:
+    """The bus's clock between two steps on the wall clock: simulated time, which goes on with the wall for one step."""
+
+    def __init__(self, world: World):
+        self._world, self._steps, self._since = world, -1, 0
+
+    def __call__(self) -> int:
+        now = time.monotonic_ns()
+        if self._world.steps != self._steps:
+            self._steps, self._since = self._world.steps, now
+        return self._world.time_ns + min(now - self._since, STEP_NS - 1)
 
 
 class Service:
     """Steps a world for the hosts on its bus until `stop` is called (from a signal handler, say)."""
 
-    def __init__(self, world: World, hub: Hub, truth: Publisher | None = None):
+    def __init__(self, world: World, hub: Hub, truth: Publisher | None = None, faults: Sequence[Fault] = ()):
+        """faults: laid on the bus when the host's first Sync comes, so that their times count from there."""
         self.world, self.hub = world, hub
         self.skipped = 0
         """wall clock: steps that overruns skipped"""
@@ -56,7 +77,7 @@ class Service:
         """lock-step: how often the world ran free"""
         self._node = BusNode(world)
         hub.own_nodes(self._node.names, self._node.channels)
-        self._truth = truth
+        self._truth, self._faults = truth, list(faults)
         self._steps_a_period = world.description.period_ns // STEP_NS
         self._stopping = False
 
@@ -64,28 +85,40 @@ class Service:
         """Let the running loop return, within 0.2 s."""
         self._stopping = True
 
+    def _hear(self, records: npt.NDArray[np.void]) -> tuple[int, int]:
+        """Give the drives what came; how many Sync and HoldTime the host has sent."""
+        heard = self._node.receive(records, self.hub.deaf()) if len(records) else (0, 0)
+        # A Sync moves time in lock-step even if the bus is too full or too broken for the drives to hear it.
+        syncs, holds = self.hub.heard or heard
+        if syncs and self._faults:
+            for fault in self._faults:
+                self.hub.add_fault(fault)
+            self._faults.clear()
+        return syncs, holds
+
     def _advance(self, steps: int) -> None:
         for _ in range(steps):
             self.world.step()
             if self._truth is not None and self.world.steps % TRUTH_STEPS == 0:
                 self._truth.send(self.world.truth())
         answers = self._node.answer()
-        if len(answers):
-            self.hub.transmit(answers, self._node.senders)
+        if len(answers) or self.hub.careful:
+            self.hub.transmit(answers, self._node.senders[: len(answers)])
 
     def run_lockstep(self) -> None:
         """Step when Sync comes; see the module's text."""
+        self.hub.lockstep(self.world.description.period_ns, self._node.sync_id, self._node.hold_id)
         heard: float | None = None
         free_since: float | None = None
         free_steps = 0
         wait = _PATIENCE_S
         while not self._stopping:
             records = self.hub.poll(wait)
-            syncs, holds = self._node.receive(records) if len(records) else (0, 0)
+            syncs, holds = self._hear(records)
             if syncs or (holds and heard is not None):
                 heard, free_since, wait = time.monotonic(), None, _PATIENCE_S
                 self._advance(syncs * self._steps_a_period)
-                if syncs:
+                for _ in range(syncs):
                     self.hub.tick()
             elif heard is not None:
                 now = time.monotonic()
@@ -102,10 +135,10 @@ class Service:
         """Step every millisecond of wall time; see the module's text."""
         deadline = (time.monotonic_ns() // STEP_NS + 1) * STEP_NS
         while not self._stopping:
+            while self.hub.careful and (left := deadline - time.monotonic_ns()) > _BUSY_NS:
+                self._hear(self.hub.poll(left * 1e-9))
             sleep_until(deadline)
-            records = self.hub.poll(0.0)
-            if len(records):
-                self._node.receive(records)
+            self._hear(self.hub.poll(0.0))
             self._advance(1)
             deadline += STEP_NS
             late = time.monotonic_ns() - deadline
@@ -127,6 +160,8 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
     parser.add_argument("--robot", required=True, help="robot's name or folder, e.g. talos_upper")
     parser.add_argument("--scene", required=True, help="scene's name or YAML file, e.g. valve")
     parser.add_argument("--clock", choices=("lockstep", "wall"), required=True)
+    parser.add_argument("--bus-timing", action="store_true", help="frames take the time that they would on a real bus")
+    parser.add_argument("--faults", help="YAML file of faults of the bus; their times count from the host's first Sync")
     parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
     options = parser.parse_args()
     with own_stdout() as stdout:
@@ -135,11 +170,15 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
             world = world_type(robot, scene.load(options.scene))
             runtime = Runtime.at(options.runtime)
             channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in robot.channels]
-            hub = Hub(runtime.bus, channels, clock=lambda: world.time_ns)
+            clock = _WallBusClock(world) if options.clock == "wall" else lambda: world.time_ns
+            hub = Hub(runtime.bus, channels, clock=clock, timing=options.bus_timing)
+            script = faults.read(options.faults) if options.faults else []
+            for fault in script:
+                hub.check_fault(fault)
         except (ConfigError, OSError, ValueError) as error:
             sys.exit(f"plant: {error}")
         truth = Publisher(runtime.endpoint("plant.truth"))
-        service = Service(world, hub, truth)
+        service = Service(world, hub, truth, script)
         if prepare is not None:
             prepare(service, runtime)
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from hal.can import frames
+from hal.can.control import NodeState
 from hal.can.hub import Hub
 from hal.can.port import HubPort
 
@@ -38,32 +39,75 @@ def hub(folder: Path) -> Iterator[Hub]:
         yield made
 
 
+def join_in_thread(hub: Hub, path: Path, *args: Any, **options: Any) -> HubPort:
+    """A port on a hub of this process, which has to go on meanwhile."""
+    result: list[Any] = []
+
+    def attempt() -> None:
+        try:
+            result.append(HubPort(path, *args, **options))
+        except (OSError, ValueError) as error:
+            result.append(error)
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    while thread.is_alive():
+        hub.poll(0.01)
+    if isinstance(result[0], Exception):
+        raise result[0]
+    assert isinstance(result[0], HubPort)
+    return result[0]
+
+
 @pytest.fixture
 def join(hub: Hub, folder: Path) -> Iterator[Callable[..., HubPort]]:
     """join(channels=None, **options): a port on the hub of this process."""
     ports: list[HubPort] = []
 
     def make(*args: Any, **options: Any) -> HubPort:
-        result: list[Any] = []
-
-        def attempt() -> None:
-            try:
-                result.append(HubPort(folder / "bus.sock", *args, **options))
-            except (OSError, ValueError) as error:
-                result.append(error)
-
-        thread = threading.Thread(target=attempt)
-        thread.start()
-        while thread.is_alive():
-            hub.poll(0.01)
-        if isinstance(result[0], Exception):
-            raise result[0]
-        ports.append(result[0])
-        return result[0]
+        ports.append(join_in_thread(hub, folder / "bus.sock", *args, **options))
+        return ports[-1]
 
     yield make
     for port in ports:
         port.close()
+
+
+class Bench:
+    """A hub in this process whose clock the test moves, and ports on it."""
+
+    def __init__(self, folder: Path, **options: Any):
+        self.now = 1_000_000_000
+        self._path = folder / "bench.sock"
+        self.hub = Hub(self._path, ["can0", "can1"], clock=lambda: self.now, **options)
+        self._ports: list[HubPort] = []
+
+    def join(self, name: str, channels: list[str] | None = None, **options: Any) -> HubPort:
+        """A node of that name."""
+        port = join_in_thread(self.hub, self._path, channels, name=name, **options)
+        self._ports.append(port)
+        return port
+
+    def turn(self, ms: float = 0.0) -> np.ndarray:
+        """Let time pass, and the bus with it; the frames that the hub's own process heard."""
+        self.now += round(ms * 1e6)
+        return self.hub.poll(0.0).copy()
+
+    def node(self, name: str, channel: str = "can0") -> NodeState:
+        """What the hub reports of a node."""
+        return next(n for n in self.hub.report().nodes if (n.name, n.channel) == (name, channel))
+
+    def close(self) -> None:
+        for port in self._ports:
+            port.close()
+        self.hub.close()
+
+
+@pytest.fixture
+def bench(folder: Path) -> Iterator[Callable[..., Bench]]:
+    """bench(**options of Hub): a hub with channels can0 and can1 at 1/5 Mbit/s."""
+    with contextlib.ExitStack() as stack:
+        yield lambda **options: stack.enter_context(contextlib.closing(Bench(folder, **options)))
 
 
 @contextlib.contextmanager

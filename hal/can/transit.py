@@ -1,0 +1,402 @@
+"""Frames on their way: transmit queues, the wire, and the time that it takes.
+
+The hub's careful path, for a bus that keeps bit timing or is disturbed; without either the hub arbitrates whole batches at once
+(hal.can.arbitration). A channel is run up to a moment: what ends by then is delivered, what is on the wire then stays there, and
+nobody who comes later can push it off.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from hal.can.arbitration import bus_of, priority
+from hal.can.confinement import (
+    COLUMNS,
+    ERROR_FRAME_BITS,
+    OFF,
+    OUTSIDE,
+    PASSIVE_FROM,
+    RESUME,
+    SEEN,
+    SUSPEND_BITS,
+    TEC,
+    count_error,
+    count_success,
+    is_passive,
+    recover,
+    takes_part,
+)
+from hal.can.frames import ESI, EXTENDED, FD, WORDS
+from hal.can.tally import BUSY, ERRORS, FRAMES, FREE, count
+from hal.can.timing import frame_ns
+
+POOL = 32768
+"""Frames that may be on their way at once."""
+_RESERVE = 16  # one frame a channel, for babblers
+NEVER = 1 << 62
+"""ns, later than everything"""
+
+NEXT, NODE, READY, MARK = 0, 1, 2, 3
+DROP, TWICE, BABBLE = 1, 2, 4
+"""Marks of a queued frame: it is sent but reaches nobody · it is sent twice · it never was in a queue."""
+HEAD, TAIL, LENGTH, OVERFLOWS = 0, 1, 2, 3
+ROW, BEGAN, END, BAD, RECESSIVE = 0, 1, 2, 3, 4
+"""Columns of `wire`: the frame on it (−1: none), since when, until when, 1 if it will be destroyed; runs of 11 recessive bits."""
+BUS_MASK, CAN_ID, ID_MASK, EXTENDED_ID, LEFT, CHANCE, HITS = 0, 1, 2, 3, 4, 5, 6
+"""Columns of `errors`: channels as bits, identifier (−1: all), mask, 1: extended, frames left (−1: all), chance / 2^53, hits."""
+MOST_ERRORS = 16
+
+
+class State(NamedTuple):
+    """Everything about all channels. c channels, n nodes."""
+
+    bitrates: npt.NDArray[np.int64]
+    """(c, 2) nominal and data bit/s"""
+    totals: npt.NDArray[np.int64]
+    identifiers: npt.NDArray[np.int64]
+    pool: npt.NDArray[np.uint64]
+    """(POOL WORDS,) the frames"""
+    link: npt.NDArray[np.int64]
+    """(POOL, 4) of each: the one behind it in its queue, who sends it, from when (ns), marks"""
+    spare: npt.NDArray[np.int64]
+    """(POOL + 1,) free rows of the pool; the last element says how many"""
+    queue: npt.NDArray[np.int64]
+    """(c, n, 4) each node's transmit FIFO: first and last row (−1), length, frames refused or thrown away"""
+    counters: npt.NDArray[np.int64]
+    """(c, n, 6) hal.can.confinement"""
+    present: npt.NDArray[np.bool_]
+    """(c, n) who is on which channel"""
+    wire: npt.NDArray[np.int64]
+    """(c, 5)"""
+    babble: npt.NDArray[np.int64]
+    """(c, n, 3) identifier that a node babbles (−1: it does not), since when (ns), frames so far"""
+    errors: npt.NDArray[np.int64]
+    """(MOST_ERRORS, 7) faults that destroy frames on the wire"""
+    error_nodes: npt.NDArray[np.bool_]
+    """(MOST_ERRORS, n) whose frames each of them destroys"""
+    random: npt.NDArray[np.uint64]
+    """(MOST_ERRORS,) their random numbers' state"""
+
+
+def make(
+    bitrates: npt.NDArray[np.int64],
+    totals: npt.NDArray[np.int64],
+    identifiers: npt.NDArray[np.int64],
+    nodes: int,
+) -> State:
+    """Nothing on its way, no error, nobody present."""
+    channels = len(bitrates)
+    queue = np.zeros((channels, nodes, 4), np.int64)
+    queue[:, :, (HEAD, TAIL)] = -1
+    wire = np.zeros((channels, 5), np.int64)
+    wire[:, ROW] = -1
+    babble = np.zeros((channels, nodes, 3), np.int64)
+    babble[:, :, 0] = -1
+    spare = np.append(np.arange(POOL - 1, -1, -1), POOL)
+    return State(
+        bitrates=bitrates,
+        totals=totals,
+        identifiers=identifiers,
+        pool=np.zeros(POOL * WORDS, np.uint64),
+        link=np.zeros((POOL, 4), np.int64),
+        spare=spare,
+        queue=queue,
+        counters=np.zeros((channels, nodes, COLUMNS), np.int64),
+        present=np.zeros((channels, nodes), np.bool_),
+        wire=wire,
+        babble=babble,
+        errors=np.zeros((MOST_ERRORS, 7), np.int64),
+        error_nodes=np.zeros((MOST_ERRORS, nodes), np.bool_),
+        random=np.zeros(MOST_ERRORS, np.uint64),
+    )
+
+
+@njit(cache=True)
+def put(s, words, node, marks, n, ready, room):
+    """Queue n records at the time `ready` (ns); a FIFO takes `room` (c,) frames. What it does not take is counted."""
+    for row in range(n):
+        bus, who = bus_of(words, row), node[row]
+        if s.counters[bus, who, OFF] or s.queue[bus, who, LENGTH] >= room[bus] or s.spare[POOL] <= _RESERVE:
+            s.queue[bus, who, OVERFLOWS] += 1
+            continue
+        to = _take_row(s)
+        for i in range(WORDS):
+            s.pool[WORDS * to + i] = words[WORDS * row + i]
+        s.link[to, NEXT], s.link[to, NODE] = -1, who
+        s.link[to, READY], s.link[to, MARK] = ready, marks[row]
+        last = s.queue[bus, who, TAIL]
+        if last < 0:
+            s.queue[bus, who, HEAD] = to
+        else:
+            s.link[last, NEXT] = to
+        s.queue[bus, who, TAIL] = to
+        s.queue[bus, who, LENGTH] += 1
+
+
+@njit(cache=True)
+def trim(s, room):
+    """Throw away what stands behind the first `room` frames of every FIFO: a full FIFO takes nothing more."""
+    for bus in range(s.queue.shape[0]):
+        for who in range(s.queue.shape[1]):
+            extra = s.queue[bus, who, LENGTH] - room
+            if extra <= 0:
+                continue
+            last = s.queue[bus, who, HEAD]
+            for _ in range(room - 1):
+                last = s.link[last, NEXT]
+            row = s.link[last, NEXT]
+            while row >= 0:
+                following = s.link[row, NEXT]
+                _give_row(s, row)
+                row = following
+            s.link[last, NEXT], s.queue[bus, who, TAIL] = -1, last
+            s.queue[bus, who, LENGTH] = room
+            s.queue[bus, who, OVERFLOWS] += extra
+
+
+@njit(cache=True)
+def flush(s, bus, who):
+    """Throw a node's FIFO away, and take what it is sending off the wire."""
+    row = s.queue[bus, who, HEAD]
+    s.queue[bus, who, OVERFLOWS] += s.queue[bus, who, LENGTH]
+    while row >= 0:
+        following = s.link[row, NEXT]
+        if s.wire[bus, ROW] == row:
+            s.wire[bus, ROW] = -1
+        _give_row(s, row)
+        row = following
+    s.queue[bus, who, HEAD] = s.queue[bus, who, TAIL] = -1
+    s.queue[bus, who, LENGTH] = 0
+
+
+@njit(cache=True)
+def take_off(s, bus, now):
+    """Take the frame on the wire off it, since its sender can send no more; it stays at the head of its queue."""
+    row = s.wire[bus, ROW]
+    if row < 0:
+        return
+    if s.link[row, MARK] & BABBLE:
+        _give_row(s, row)
+    s.wire[bus, ROW] = -1
+    s.totals[bus, BUSY] += max(0, now - s.wire[bus, BEGAN])
+    s.totals[bus, FREE] = max(now, s.wire[bus, BEGAN])
+
+
+@njit(cache=True)
+def recessive(s, bus, now):
+    """Runs of 11 recessive bits that the channel has had until `now`: one at each frame's end, and those of idle time."""
+    idle = now - s.totals[bus, FREE] if s.wire[bus, ROW] < 0 else 0
+    return s.wire[bus, RECESSIVE] + max(0, idle) * s.bitrates[bus, 0] // 11_000_000_000
+
+
+@njit(cache=True)
+def catch_up(s, bus, now):
+    """Let time pass for the nodes that are bus-off on a channel."""
+    recover(s.counters, bus, recessive(s, bus, now))
+
+
+@njit(cache=True)
+def run(s, bus, until, out, out_node, k):
+    """Run a channel until `until` (ns; NEVER: until nothing is left to send). Frames that end by then go to row k of `out`
+    and on, their time_ns the end; returns the row behind the last."""
+    room = out.shape[0] // WORDS
+    while k < room:
+        if s.wire[bus, ROW] >= 0:
+            if s.wire[bus, END] > until:
+                break
+            k = _finish(s, bus, out, out_node, k)
+            continue
+        start, who = _winner(s, bus)
+        if who < 0 or start >= until:
+            break
+        _start(s, bus, who, start)
+    _try_in_vain(s, bus, until)
+    return k
+
+
+@njit(cache=True)
+def _winner(s, bus):
+    """(when the next frame starts, whose it is; −1: nobody's): of those that are ready first, the lowest identifier's."""
+    free, first = s.totals[bus, FREE], NEVER
+    nodes = s.queue.shape[1]
+    for who in range(nodes):
+        first = min(first, max(free, _ready(s, bus, who)))
+    best, lowest = -1, np.int64(0)
+    if first == NEVER:
+        return first, best
+    for who in range(nodes):
+        if _ready(s, bus, who) <= first:
+            key = _key(s, bus, who)
+            if best < 0 or key < lowest:
+                best, lowest = who, key
+    return first, best
+
+
+@njit(cache=True)
+def _ready(s, bus, who):
+    babbles = s.babble[bus, who, 0] >= 0
+    if (s.queue[bus, who, HEAD] < 0 and not babbles) or not takes_part(s.counters, bus, who):
+        return NEVER
+    since = s.babble[bus, who, 1] if babbles else s.link[s.queue[bus, who, HEAD], READY]
+    return max(since, s.counters[bus, who, RESUME])
+
+
+@njit(cache=True)
+def _key(s, bus, who):
+    babbled = s.babble[bus, who, 0]
+    if babbled >= 0:
+        return (babbled >> 18) << 19 | 1 << 18 | (babbled & 0x3FFFF) if babbled > 0x7FF else babbled << 19
+    return priority(s.pool, s.queue[bus, who, HEAD])
+
+
+@njit(cache=True)
+def _start(s, bus, who, start):
+    s.wire[bus, RECESSIVE] = recessive(s, bus, start)
+    row = _babbled(s, bus, who) if s.babble[bus, who, 0] >= 0 else s.queue[bus, who, HEAD]
+    head = s.pool[WORDS * row + 1]
+    if (head >> np.uint64(40)) & np.uint64(FD) and is_passive(s.counters, bus, who):
+        s.pool[WORDS * row + 1] = head | np.uint64(ESI) << np.uint64(40)
+    took = frame_ns(s.pool, row, s.bitrates[bus, 0], s.bitrates[bus, 1])
+    at = _destroyed(s, bus, who, row)
+    s.wire[bus, BAD] = 1 if at >= 0.0 else 0
+    if at >= 0.0:
+        took = np.int64(at * took) + ERROR_FRAME_BITS * 1_000_000_000 // s.bitrates[bus, 0]
+    s.wire[bus, ROW], s.wire[bus, BEGAN], s.wire[bus, END] = row, start, start + took
+
+
+@njit(cache=True)
+def _finish(s, bus, out, out_node, k):
+    row, end = s.wire[bus, ROW], s.wire[bus, END]
+    who, mark, took = s.link[row, NODE], s.link[row, MARK], end - s.wire[bus, BEGAN]
+    s.wire[bus, ROW], s.totals[bus, FREE] = -1, end
+    s.totals[bus, BUSY] += took
+    s.wire[bus, RECESSIVE] += 1
+    if is_passive(s.counters, bus, who):
+        s.counters[bus, who, RESUME] = end + SUSPEND_BITS * 1_000_000_000 // s.bitrates[bus, 0]
+    if s.wire[bus, BAD]:
+        s.totals[bus, ERRORS] += 1
+        count(s.pool, row, bus, took, 0, s.identifiers)
+        if mark & BABBLE:
+            _give_row(s, row)
+        if count_error(s.counters, s.present, bus, who, s.wire[bus, RECESSIVE]):
+            flush(s, bus, who)
+        return k
+    s.totals[bus, FRAMES] += 1
+    count(s.pool, row, bus, took, 1, s.identifiers)
+    count_success(s.counters, s.present, bus, who)
+    if not mark & DROP:
+        for i in range(WORDS):
+            out[WORDS * k + i] = s.pool[WORDS * row + i]
+        out[WORDS * k] = np.uint64(end)
+        out_node[k] = who
+        k += 1
+    if mark & TWICE:
+        s.link[row, MARK] = mark & ~TWICE
+        return k
+    if not mark & BABBLE:
+        s.queue[bus, who, HEAD] = s.link[row, NEXT]
+        s.queue[bus, who, LENGTH] -= 1
+        if s.link[row, NEXT] < 0:
+            s.queue[bus, who, TAIL] = -1
+    _give_row(s, row)
+    return k
+
+
+@njit(cache=True)
+def _destroyed(s, bus, who, row):
+    """Where along the frame a fault destroys it, 0..1; −1: nowhere."""
+    head = s.pool[WORDS * row + 1]
+    can_id = np.int64(head & np.uint64(0x1FFFFFFF))
+    extended = np.int64((head >> np.uint64(40)) & np.uint64(EXTENDED)) != 0
+    for i in range(s.errors.shape[0]):
+        e = s.errors[i]
+        if e[LEFT] == 0 or not (e[BUS_MASK] >> bus) & 1 or not s.error_nodes[i, who]:
+            continue
+        if e[CAN_ID] >= 0 and ((e[CAN_ID] ^ can_id) & e[ID_MASK] or extended != (e[EXTENDED_ID] == 1)):
+            continue
+        if np.int64(_draw(s.random, i)) >= e[CHANCE]:
+            continue
+        if e[LEFT] > 0:
+            e[LEFT] -= 1
+        e[HITS] += 1
+        return np.int64(_draw(s.random, i)) / 9007199254740992.0
+    return -1.0
+
+
+@njit(cache=True)
+def _draw(state, i):
+    """53 random bits (splitmix64)."""
+    state[i] += np.uint64(0x9E3779B97F4A7C15)
+    z = state[i]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (z ^ (z >> np.uint64(31))) >> np.uint64(11)
+
+
+@njit(cache=True)
+def next_time(s, bus):
+    """ns when something happens next on a channel without anybody's doing: a frame ends or starts; NEVER: nothing does."""
+    if s.wire[bus, ROW] >= 0:
+        return s.wire[bus, END]
+    start, who = _winner(s, bus)
+    return start + 1 if who >= 0 else NEVER
+
+
+@njit(cache=True)
+def _try_in_vain(s, bus, until):
+    """Nodes behind a cut cable: nobody acknowledges, so they try again until they are error passive, which then stays."""
+    for who in range(s.queue.shape[1]):
+        row = s.queue[bus, who, HEAD]
+        if s.counters[bus, who, OUTSIDE] == 0 or row < 0 or s.counters[bus, who, OFF]:
+            continue
+        took = frame_ns(s.pool, row, s.bitrates[bus, 0], s.bitrates[bus, 1])
+        took += ERROR_FRAME_BITS * 1_000_000_000 // s.bitrates[bus, 0]
+        at = max(s.counters[bus, who, RESUME], s.link[row, READY])
+        while s.counters[bus, who, TEC] < PASSIVE_FROM and at + took <= until:
+            at += took
+            s.counters[bus, who, TEC] += 8
+        s.counters[bus, who, RESUME] = at
+
+
+@njit(cache=True)
+def _babbled(s, bus, who):
+    """A row with the babbler's frame: classic, eight zero bytes, as a stuck controller sends."""
+    row = _take_row(s)
+    can_id = s.babble[bus, who, 0]
+    flags = EXTENDED if can_id > 0x7FF else 0
+    s.pool[WORDS * row : WORDS * (row + 1)] = np.uint64(0)
+    s.pool[WORDS * row + 1] = np.uint64(can_id | 8 << 32 | flags << 40 | bus << 48)
+    s.link[row, NEXT], s.link[row, NODE], s.link[row, READY], s.link[row, MARK] = -1, who, 0, BABBLE
+    s.babble[bus, who, 2] += 1
+    return row
+
+
+@njit(cache=True)
+def _take_row(s):
+    s.spare[POOL] -= 1
+    return s.spare[s.spare[POOL]]
+
+
+@njit(cache=True)
+def _give_row(s, row):
+    s.spare[s.spare[POOL]] = row
+    s.spare[POOL] += 1
+
+
+@njit(cache=True)
+def is_quiet(s):
+    """Nothing on its way, and no node has an error on its account."""
+    if s.spare[POOL] != POOL:
+        return False
+    for bus in range(s.counters.shape[0]):
+        for who in range(s.counters.shape[1]):
+            for column in range(SEEN):
+                if s.counters[bus, who, column]:
+                    return False
+            if s.counters[bus, who, OUTSIDE]:
+                return False
+    return True

@@ -55,6 +55,8 @@ def children(
     engine: bool = True,
     link: bool = True,
     camera: bool = True,
+    bus_timing: bool = False,
+    faults: Path | None = None,
 ) -> list[Child]:
     """The processes of this robot's service, in the order in which they start. Raises UsageError and ConfigError.
 
@@ -67,13 +69,17 @@ def children(
         )
     if scene is not None and not simulated:
         raise UsageError(f"--scene {scene}: {description.name} has real buses, nothing is simulated; leave it out")
+    if not simulated and (bus_timing or faults is not None):
+        option = "--bus-timing" if bus_timing else f"--faults {faults}"
+        raise UsageError(f"{option}: {description.name} has real buses, which can't be told; leave it out")
     python = (sys.executable, "-m")
     place = ("--runtime", str(runtime.folder))
     robot_and_clock = ("--robot", robot, "--clock", clock.value, *place)
     processes = []
     if simulated:
+        on_bus = (*(["--bus-timing"] if bus_timing else []), *(["--faults", _checked_faults(faults)] if faults else []))
         processes.append(
-            Child("plant", (*python, "hal.plant.world", "--scene", _checked_scene(scene), *robot_and_clock))
+            Child("plant", (*python, "hal.plant.world", "--scene", _checked_scene(scene), *robot_and_clock, *on_bus))
         )
     with_plant = ("plant",) if simulated else ()
     processes.append(Child("loop", (*python, "daemon.loop", *robot_and_clock), bound_to=with_plant))
@@ -114,6 +120,14 @@ def _checked_scene(scene: str | None) -> str:
         raise UsageError(f"--scene is missing: this robot is simulated; expected one of {', '.join(known)}, or a file")
     scenes.load(scene)
     return scene
+
+
+def _checked_faults(file: Path) -> str:
+    """The file of faults, read once here as the scene is."""
+    from hal.can import faults
+
+    faults.read(file)
+    return str(file)
 
 
 @contextmanager
@@ -181,6 +195,12 @@ def up(
     engine: Annotated[bool, typer.Option(help="Start the engine, which runs programs.")] = True,
     link: Annotated[bool, typer.Option(help="Start the link, through which tablets and scripts come.")] = True,
     camera: Annotated[bool, typer.Option(help="Start a simulated robot's cameras.")] = True,
+    bus_timing: Annotated[
+        bool, typer.Option("--bus-timing", help="Frames on a simulated robot's bus take the time that they would.")
+    ] = False,
+    faults: Annotated[
+        Path | None, typer.Option(help="YAML file of faults that a simulated robot's bus shall have.")
+    ] = None,
 ) -> None:
     """Start a robot's service: plant and cameras (if simulated), loop, server, engine and link, and keep them alive until Ctrl-C.
 
@@ -200,6 +220,8 @@ def up(
             engine=engine,
             link=link,
             camera=camera,
+            bus_timing=bus_timing,
+            faults=faults,
         )
         check_network(description)
         with sole_service(place):

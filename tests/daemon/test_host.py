@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,6 +25,7 @@ from daemon import exchange
 from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, sole_service, up
 from daemon.mailbox import MailboxReader
 from daemon.ring import StateRingWriter
+from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
@@ -101,6 +103,28 @@ def test_lockstep_on_real_buses_is_refused(talos: RobotDescription, runtime: Run
 def test_a_scene_for_a_robot_on_real_buses_is_refused(talos: RobotDescription, runtime: Runtime) -> None:
     with pytest.raises(UsageError, match="--scene valve"):
         children(on_real_buses(talos), robot="r", scene="valve", clock=Clock.WALL, runtime=runtime, port=1)
+
+
+def test_bit_timing_and_faults_are_the_plants_and_a_bad_file_is_refused_before_anything_starts(
+    talos: RobotDescription, runtime: Runtime, tmp_path: Path
+) -> None:
+    file = tmp_path / "faults.yaml"
+    file.write_text("faults:\n- {kind: drop, node: daemon}\n")
+    what: dict[str, Any] = {
+        "robot": "talos_upper",
+        "scene": "valve",
+        "clock": Clock.LOCKSTEP,
+        "runtime": runtime,
+        "port": 1,
+    }
+    plant, *others = children(talos, **what, bus_timing=True, faults=file)
+    assert plant.command[-3:] == ("--bus-timing", "--faults", str(file))
+    assert not any("--faults" in child.command for child in others)
+    file.write_text("faults:\n- {kind: smoke}\n")
+    with pytest.raises(ConfigError, match=r"faults.yaml:2.*kind"):
+        children(talos, **what, faults=file)
+    with pytest.raises(UsageError, match=f"--faults {file}.*real buses"):
+        children(on_real_buses(talos), robot="r", scene=None, clock=Clock.WALL, runtime=runtime, port=1, faults=file)
 
 
 def test_a_robot_on_a_bus_that_is_not_there_is_refused_before_anything_starts(talos: RobotDescription) -> None:

@@ -30,14 +30,14 @@ PLANT = (sys.executable, "-m", "hal.plant.world")
 class PlantProcess:
     """A plant and a host on its bus."""
 
-    def __init__(self, robot, clock: str, folder: Path):
+    def __init__(self, robot, clock: str, folder: Path, *options: str):
         self.runtime = Runtime.at(folder)
-        what = ["--robot", "talos_upper", "--scene", "valve", "--clock", clock, "--runtime", str(folder)]
+        what = ["--robot", "talos_upper", "--scene", "valve", "--clock", clock, "--runtime", str(folder), *options]
         self.process = subprocess.Popen([*PLANT, *what], stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "plant ready\n"
         self.truth = Subscriber(self.runtime.endpoint("plant.truth"), GroundTruth)
-        self.port = HubPort(self.runtime.bus)
+        self.port = HubPort(self.runtime.bus, name="daemon", ticks=True)
         self.protocol = LimbProtocol(robot)
         self.state = JointState(len(robot.joints))
         self.cycle = 0
@@ -65,6 +65,17 @@ class PlantProcess:
             self.protocol.decode_status(records, len(records), self.state)
         return stamp
 
+    def silent(self) -> list[int]:
+        """Send a cycle and wait until the plant says that it is over; rows of the drives that did not answer it."""
+        over = self.port.ticks
+        self.send_cycle()
+        self.state.age += 1
+        while self.port.ticks == over:
+            records = self.port.receive(5.0)
+            assert len(records) or self.port.ticks > over
+            self.protocol.decode_status(records, len(records), self.state)
+        return np.flatnonzero(self.state.age > 0).tolist()
+
     def close(self) -> int:
         self.port.close()
         self.truth.close()
@@ -73,9 +84,9 @@ class PlantProcess:
 
 
 @contextlib.contextmanager
-def _plant(robot, clock: str) -> Iterator[PlantProcess]:
+def _plant(robot, clock: str, *options: str) -> Iterator[PlantProcess]:
     with tempfile.TemporaryDirectory(prefix="hr") as folder:
-        plant = PlantProcess(robot, clock, Path(folder))
+        plant = PlantProcess(robot, clock, Path(folder), *options)
         try:
             yield plant
         finally:
@@ -123,6 +134,24 @@ def test_under_the_wall_clock_time_goes_on_by_itself_and_drives_answer(robot):
         plant.receive()
         assert (decode_statusword(plant.state.status) == State.READY_TO_SWITCH_ON).all()
         assert plant.close() == 0
+
+
+def test_a_cut_cable_silences_its_drive_for_as_long_and_lost_commands_all_of_them_while_time_goes_on(robot, tmp_path):
+    drive = robot.joints.index("arm_left_3_joint")
+    file = tmp_path / "faults.yaml"
+    file.write_text(
+        "faults:\n"
+        "- {kind: cut, node: arm_left_3_joint, after: 0.02, duration: 0.02}\n"
+        "- {kind: drop, node: daemon, after: 0.06, duration: 0.01}\n"
+    )
+    with _plant(robot, "lockstep", "--bus-timing", "--faults", str(file)) as plant:
+        silent = [plant.silent() for _ in range(50)]
+        assert plant.close() == 0
+    everybody = list(range(len(robot.joints)))
+    # A fault of 20 ms is ten cycles of 2 ms; the first of them is asked before it begins and answered after.
+    assert [cycle for cycle, rows in enumerate(silent) if rows == [drive]] == list(range(9, 19))
+    assert [cycle for cycle, rows in enumerate(silent) if rows == everybody] == list(range(30, 35))
+    assert sum(map(bool, silent)) == 15
 
 
 @pytest.mark.parametrize(

@@ -235,8 +235,14 @@ class Desk(QObject):
             "enableWhy": self._why("enable"),
             "clearWhy": self._why("clear_stop"),
             "moving": robot.moving,
+            "cloudAge": self._cloud_age(),
             "places": list(self.situation.world.instances),
         }
+
+    def _cloud_age(self) -> int:
+        """Whole s of the robot's clock since a camera's last picture; -1: there is none, -2: it is from another time."""
+        age = self.situation.clouds.age(self.situation.robot.time_ns)
+        return -2 if age == float("inf") else int(age)
 
     def _why(self, command: str) -> str:
         if _COMMANDS[command].__name__ in self.situation.pending:

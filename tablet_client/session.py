@@ -34,6 +34,7 @@ from handrail.messages import (
     LogLine,
     Message,
     PlanPreview,
+    PointCloud,
     Prompt,
     PromptClosed,
     RobotInfo,
@@ -57,6 +58,7 @@ EVENTS = (
     Prompt,
     PromptClosed,
     LogLine,
+    PointCloud,
 )
 
 _HEARTBEAT = 1.0  # s

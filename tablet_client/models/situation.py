@@ -9,6 +9,7 @@ from typing import Any
 from handrail import messages
 from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
+from tablet_client.models.clouds import Clouds
 from tablet_client.models.journal import Journal, Level
 from tablet_client.models.link import Link
 from tablet_client.models.plans import Plans
@@ -31,6 +32,7 @@ class Situation:
         self.prompts = Prompts()
         self.plans = Plans()
         self.world = World()
+        self.clouds = Clouds()
         self.journal = Journal()
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
@@ -92,6 +94,8 @@ class Situation:
             self.note("good", "attached", item.info.name)
 
     def _attached(self, item: arrivals.Attached) -> None:
+        if self.robot.info is not None and self.robot.info.name != item.info.name:
+            self.clouds.clear()
         self.robot.attach(item.info, item.status)
         self._link_news(item)
 
@@ -149,6 +153,10 @@ class Situation:
             level: Level = "info" if event.outcome == "cancelled" else "warning"
             self.note(level, "action_ended", event.outcome, event.detail)
 
+    def _cloud(self, cloud: messages.PointCloud) -> None:
+        if problem := self.clouds.take(cloud):
+            self.note("warning", "cloud_unreadable", cloud.camera, problem)
+
     # --------------------------------------------------------------------------------------------------------- engine
 
     def _run(self, run: messages.RunState) -> None:
@@ -198,6 +206,7 @@ _HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
     messages.RobotState: Situation._robot_state,
     messages.DaemonStatus: Situation._daemon_status,
     messages.ActionEvent: Situation._action,
+    messages.PointCloud: Situation._cloud,
     messages.RunState: Situation._run,
     messages.Prompt: Situation._prompt,
     messages.PromptClosed: Situation._prompt_closed,

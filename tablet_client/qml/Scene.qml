@@ -79,6 +79,18 @@ View3D {
                 materials: stage.ghostStale ? staleMaterial : freshMaterial
             }
         }
+        Repeater3D {
+            model: stage.clouds
+            Model {
+                required property string name
+                required geometry
+                objectName: "cloud_" + name
+                visible: stage.cloudOn
+                castsShadows: false
+                receivesShadows: false
+                materials: cloudMaterial
+            }
+        }
         Model {
             objectName: "trail"
             visible: stage.ghostShown
@@ -90,6 +102,12 @@ View3D {
 
     PrincipledMaterial { id: robotMaterial; vertexColorsEnabled: true; roughness: 0.55; metalness: 0.0; specularAmount: 0.35 }
     PrincipledMaterial { id: templateMaterial; vertexColorsEnabled: true; roughness: 0.5; metalness: 0.0; specularAmount: 0.4 }
+    PrincipledMaterial {
+        id: cloudMaterial
+        lighting: PrincipledMaterial.NoLighting
+        vertexColorsEnabled: true
+        cullMode: PrincipledMaterial.NoCulling
+    }
     component Ghostly: PrincipledMaterial {
         property color tint
         baseColor: Qt.rgba(tint.r, tint.g, tint.b, 0.42)

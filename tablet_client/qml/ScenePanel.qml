@@ -31,7 +31,7 @@ Rectangle {
         anchors.fill: parent
         activeFocusOnTab: true
         Accessible.role: Accessible.Graphic
-        Accessible.name: qsTr("The robot and its surroundings. Arrow keys turn the view, plus and minus zoom, digits choose a view.")
+        Accessible.name: qsTr("The robot and its surroundings. Arrow keys turn the view, plus and minus zoom, digits choose a view, C shows what the camera sees.")
 
         DragHandler {
             property point last
@@ -74,6 +74,7 @@ Rectangle {
             if (event.text === "+" || event.text === "=") scene.rig.zoom(1.15)
             else if (event.text === "-") scene.rig.zoom(1 / 1.15)
             else if (event.text >= "1" && event.text <= "5") scene.rig.preset(views.names[Number(event.text) - 1])
+            else if (event.text.toLowerCase() === "c" && cloudButton.enabled) cloudButton.click()
             else return
             event.accepted = true
         }
@@ -98,6 +99,32 @@ Rectangle {
                 Accessible.name: qsTr("View: %1").arg(text)
                 onClicked: scene.rig.preset(modelData)
             }
+        }
+    }
+    Column {
+        visible: stage.state === "ready"
+        anchors { top: parent.top; right: parent.right; margins: Theme.gap }
+        spacing: Theme.tight
+        ActionButton {
+            id: cloudButton
+            objectName: "cloud"
+            anchors.right: parent.right
+            text: qsTr("Camera")
+            why: desk.header.cloudAge === -1 ? qsTr("sees nothing") : ""
+            checked: stage.cloudOn && why === ""
+            opacity: 0.94
+            Accessible.name: qsTr("Show what the robot's camera sees")
+            Accessible.checkable: true
+            Accessible.checked: checked
+            onClicked: stage.showCloud(!stage.cloudOn)
+        }
+        Text {
+            objectName: "cloudAge"
+            anchors.right: parent.right
+            visible: cloudButton.checked && (desk.header.cloudAge > 2 || desk.header.cloudAge === -2)
+            text: desk.header.cloudAge === -2 ? qsTr("what it saw is old") : qsTr("what it saw is %1 s old").arg(desk.header.cloudAge)
+            color: Theme.warning
+            font.pixelSize: Theme.small
         }
     }
     Column {

@@ -127,6 +127,7 @@ QtObject {
         case "answered": return qsTr("Answered %1 by %2").arg(Words.option(x)).arg(y || "?")
         case "withdrawn": return qsTr("Question withdrawn")
         case "plan_stale": return qsTr("Plan %1 is stale: %2").arg(x).arg(y)
+        case "cloud_unreadable": return qsTr("What camera %1 sees can't be shown: %2").arg(x).arg(y)
         case "action_ended": return y ? qsTr("Motion ended: %1 (%2)").arg(Words.outcome(x)).arg(y)
                                       : qsTr("Motion ended: %1").arg(Words.outcome(x))
         }

@@ -53,6 +53,25 @@ class LineGeometry(QQuick3DGeometry):
         self.update()
 
 
+class CloudGeometry(QQuick3DGeometry):
+    """Points as small solids of their own size in the world: not every graphics system draws points of several pixels."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setStride(28)
+        self.setPrimitiveType(QQuick3DGeometry.PrimitiveType.Triangles)
+        self.addAttribute(_Semantic.PositionSemantic, 0, _FLOAT)
+        self.addAttribute(_Semantic.ColorSemantic, 12, _FLOAT)
+        self.addAttribute(_Semantic.IndexSemantic, 0, _Attribute.ComponentType.U32Type)
+
+    def show(self, mesh: Mesh) -> None:
+        """Take another cloud (`solids.cloud`)."""
+        self.setVertexData(QByteArray(np.hstack([mesh.vertices, _linear(mesh.colors)]).astype(np.float32).tobytes()))
+        self.setIndexData(QByteArray(np.ascontiguousarray(mesh.faces, np.uint32).tobytes()))
+        _bound(self, mesh.vertices)
+        self.update()
+
+
 def _linear(colors: np.ndarray) -> np.ndarray:
     return np.hstack([np.power(colors[:, :3], _GAMMA), colors[:, 3:]])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
@@ -72,6 +73,19 @@ def tube(points: np.ndarray, radius: float, color: Sequence[float]) -> Mesh:
         np.zeros((len(vertices), 4), np.float32),
         faces.astype(np.uint32),
     ).painted(color)
+
+
+def cloud(positions: np.ndarray, colours: np.ndarray | None, size: float, most: int) -> Mesh:
+    """Points (n, 3) m with colours uint8 (n, 3) as octahedra of `size` m, at most about `most` of them, evenly left out."""
+    few = max(1, -(-len(positions) // most))
+    positions = np.asarray(positions, np.float32)[::few]
+    corners = np.float32(size / 2) * np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
+    vertices = (positions[:, None] + corners).reshape(-1, 3).astype(np.float32)
+    colors = np.ones((len(vertices), 4), np.float32)
+    colors[:, :3] = 0.8 if colours is None else np.repeat(colours[::few] / np.float32(255), 6, axis=0)
+    faces = np.array(list(itertools.product((0, 3), (1, 4), (2, 5))), np.uint32)
+    faces = (np.arange(len(positions), dtype=np.uint32)[:, None, None] * np.uint32(6) + faces).reshape(-1, 3)
+    return Mesh(vertices, np.zeros((0, 3), np.float32), colors, faces)
 
 
 def floor_grid(size: float, step: float, color: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

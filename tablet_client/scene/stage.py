@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import Property, QObject, Signal
+from PySide6.QtCore import Property, QObject, Signal, Slot
 from PySide6.QtGui import QVector3D
 
 from affordance_templates import catalogue
@@ -17,12 +17,13 @@ from affordance_templates.instance import Instance
 from handrail.config import ConfigError
 from handrail.messages import InstanceState, Pose
 from handrail.robot.description import RobotDescription
+from tablet_client.models.clouds import Seen
 from tablet_client.models.plans import Track
 from tablet_client.models.situation import Situation
 from tablet_client.scene import robot as drawn
 from tablet_client.scene import solids
 from tablet_client.scene.bodies import Bodies
-from tablet_client.scene.geometry import LineGeometry, MeshGeometry
+from tablet_client.scene.geometry import CloudGeometry, LineGeometry, MeshGeometry
 from tablet_client.scene.meshes import EMPTY, Mesh
 
 _GRID = (0.42, 0.5, 0.58, 0.55)
@@ -34,6 +35,8 @@ _APART = 0.004  # m
 _TURNED = 0.02  # rad
 # A robot that holds still trembles by its sensors' noise: less than this (a tenth of a millimetre at the hand) is not drawn anew.
 _STILL = 1.5e-4  # rad
+_POINT = 0.005  # m, as cameras thin their clouds out
+_MOST_POINTS = 15_000
 DIFFERS = "differs"
 _LIST: Any = "QVariantList"  # PySide takes the names of Qt's types; its stubs do not
 
@@ -55,7 +58,9 @@ class Stage(QObject):
         self._robot: drawn.DrawnRobot | None = None
         self._asked = ""
         self._state, self._problem, self._progress = "none", "", 0.0
-        self._bodies, self._ghost, self._templates = Bodies(), Bodies(), Bodies()
+        self._bodies, self._ghost, self._templates, self._clouds = Bodies(), Bodies(), Bodies(), Bodies()
+        self._cloud_on = True
+        self._drawn_clouds: dict[str, Seen] = {}
         self._trail = MeshGeometry()
         self._grid = LineGeometry(*solids.floor_grid(3.0, 0.25, _GRID))
         self._geometries: list[MeshGeometry] = []
@@ -77,6 +82,8 @@ class Stage(QObject):
     bodies = Property(QObject, _get("_bodies"), constant=True)
     ghost = Property(QObject, _get("_ghost"), constant=True)
     templates = Property(QObject, _get("_templates"), constant=True)
+    clouds = Property(QObject, _get("_clouds"), constant=True)
+    cloudOn = Property(bool, _get("_cloud_on"), notify=changed)
     trail = Property(QObject, _get("_trail"), constant=True)
     grid = Property(QObject, _get("_grid"), constant=True)
     state = Property(str, _get("_state"), notify=changed)
@@ -104,6 +111,7 @@ class Stage(QObject):
         if info is not None and info.name != self._asked:
             self._load(info.name)
         moved = self._show_instances(situation.world.instances)
+        moved |= self._show_clouds(situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
         plans = situation.plans
@@ -116,6 +124,12 @@ class Stage(QObject):
         self._bodies.pose(poses)
         self._show_ghost(situation, position, poses)
         return True
+
+    @Slot(bool)
+    def showCloud(self, on: bool) -> None:
+        """Show what the depth cameras see, or not."""
+        self._cloud_on = on
+        self.changed.emit()
 
     @property
     def loaded(self) -> bool:
@@ -217,6 +231,24 @@ class Stage(QObject):
             if own - others:  # the torso moves both arms' tips; only the arm that the plan is for leaves a trail
                 lines.append(solids.tube(robot.chain.positions(tip, postures), _TRAIL_RADIUS, color))
         self._trail.show(solids.merged(lines))
+
+    # --------------------------------------------------------------------------------------------------------- clouds
+
+    def _show_clouds(self, seen: dict[str, Seen]) -> bool:
+        """True when something changed. While they are hidden nothing is drawn."""
+        if not self._cloud_on or seen == self._drawn_clouds:
+            return False
+        if list(seen) != self._clouds.names():
+            self._clouds.replace([(camera, CloudGeometry()) for camera in seen])
+            self._drawn_clouds = {}
+        for row, (camera, picture) in enumerate(seen.items()):
+            if self._drawn_clouds.get(camera) is not picture:
+                geometry = self._clouds.geometry(row)
+                assert isinstance(geometry, CloudGeometry)
+                points = picture.points
+                geometry.show(solids.cloud(points.positions, points.colours, _POINT, _MOST_POINTS))
+        self._drawn_clouds = dict(seen)
+        return True
 
     # ------------------------------------------------------------------------------------------------------ templates
 

@@ -188,7 +188,7 @@ def test_as_a_process_it_looks_when_it_is_time_behind_everybody_else(runtime, ro
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == "camera ready\n"
-        assert os.getpriority(os.PRIO_PROCESS, process.pid) == 19
+        assert os.getpriority(os.PRIO_PROCESS, process.pid) == 10
         seen: list[PointCloud] = []
         ms, deadline = 0, time.monotonic() + 20
         while len(seen) < 3:

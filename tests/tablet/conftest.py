@@ -12,9 +12,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
 
 from affordance_templates import catalogue
+from handrail import cloud
 from handrail.client import Live
 from handrail.messages import (
     AnswerPrompt,
@@ -32,6 +35,7 @@ from handrail.messages import (
     LoopStatistics,
     PlanPreview,
     PlanSegment,
+    PointCloud,
     Pose,
     Prompt,
     PromptClosed,
@@ -97,6 +101,13 @@ class FakeRobot:
             "buses": [],
         }
         return DaemonStatus(**{**fields, **changes})
+
+    def picture(self, centre: tuple[float, float, float] = (0.55, -0.35, 0.30), **changes: Any) -> PointCloud:
+        """What its camera would see: 400 points within 5 cm of a place."""
+        near = np.random.default_rng(2).uniform(-0.05, 0.05, (400, 3))
+        red = np.full((400, 3), (220, 30, 20), np.uint8)
+        seen = cloud.pack("head", self.time_ns, near + centre, red, (0.15, 0.0, 0.56))
+        return msgspec.structs.replace(seen, **changes)
 
     def wheel(self, **changes: Any) -> InstanceState:
         fields: dict[str, Any] = {

@@ -131,6 +131,21 @@ def test_an_unknown_shape_names_those_that_are_known():
         solids.solid("cone", (1.0,))
 
 
+def test_a_cloud_is_drawn_point_by_point_with_its_colours_and_thinned_out_evenly_when_it_is_large():
+    positions = np.random.default_rng(1).uniform(-1, 1, (1000, 3)).astype(np.float32)
+    colours = np.random.default_rng(2).integers(0, 256, (1000, 3), np.uint8)
+    mesh = solids.cloud(positions, colours, 0.005, 1000)
+    grains = mesh.vertices.reshape(1000, -1, 3)
+    assert grains.mean(axis=1) == pytest.approx(positions, abs=1e-6)
+    assert np.ptp(grains, axis=1) == pytest.approx(np.full((1000, 3), 0.005), abs=1e-6)
+    assert mesh.colors.reshape(1000, -1, 4)[:, 0, :3] * 255 == pytest.approx(colours, abs=0.01)
+    grain_of = mesh.faces // grains.shape[1]
+    assert (grain_of == grain_of[:, :1]).all(), "no triangle joins two points"
+    few = solids.cloud(positions, colours, 0.005, 300).vertices.reshape(-1, grains.shape[1], 3).mean(axis=1)
+    assert few == pytest.approx(positions[::4], abs=1e-6)
+    assert len(solids.cloud(np.zeros((0, 3)), None, 0.005, 300).faces) == 0
+
+
 def test_a_trail_of_points_that_coincide_is_nothing():
     assert len(solids.tube(np.zeros((10, 3)), 0.01, (1, 1, 1, 1)).faces) == 0
     assert len(solids.tube(np.array([[0, 0, 0], [0, 0, 1.0]]), 0.01, (1, 1, 1, 1)).faces) == 12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from handrail.messages import (
@@ -202,6 +203,32 @@ def test_a_stop_is_followed_until_it_is_cleared(situation, robot):
 def test_a_removed_instance_is_gone(situation, robot):
     situation.take(robot.wheel(removed=True))
     assert situation.world.instances == {}
+
+
+def test_of_what_a_camera_sees_the_latest_is_kept_and_its_age_is_by_the_robots_clock(situation, robot):
+    assert situation.clouds.age(situation.robot.time_ns) == -1.0
+    situation.take(robot.picture((0.5, 0.0, 0.0)))
+    situation.take(robot.picture())
+    assert situation.clouds.seen["head"].points.positions.mean(axis=0) == pytest.approx((0.55, -0.35, 0.30), abs=0.01)
+    assert situation.clouds.age(robot.time_ns + 2_500_000_000) == pytest.approx(2.5)
+    assert situation.clouds.age(20_000_000) == float("inf"), "the robot's clock began anew, the picture is from before"
+
+
+def test_a_cloud_that_can_not_be_read_is_told_once_and_not_shown(situation, robot):
+    situation.take(robot.picture())
+    for _ in range(3):
+        situation.take(robot.picture(points=b"?"))
+    assert codes(situation).count("cloud_unreadable") == 1
+    assert not situation.clouds.seen
+    situation.take(robot.picture())
+    assert list(situation.clouds.seen) == ["head"]
+
+
+def test_another_robots_camera_is_forgotten(situation, robot):
+    situation.take(robot.picture())
+    other = msgspec.structs.replace(robot.answer(GetRobot()), name="another")
+    situation.take(arrivals.Attached(other, robot.status()))
+    assert not situation.clouds.seen
 
 
 def test_progress_is_read_from_the_programs_variables(situation, robot):

@@ -26,6 +26,7 @@ JOURNAL = [
     *("attached", "detached", "engine_attached", "engine_detached", "refused", "unanswered", "log", "action_ended"),
     *("drives_enabled", "drives_disabled", "drives_stopped", "drives_fault", "drives_quick_stop"),
     *("stop_sending", "stop_answered", "stop_failed", "prompt", "answered", "withdrawn", "plan_stale"),
+    "cloud_unreadable",
     *("run_ready", "run_running", "run_paused", "run_succeeded", "run_failed", "run_stopped"),
 ]
 
@@ -328,6 +329,53 @@ def test_the_template_stands_where_its_instance_says_and_follows_it(robot, show)
     shown.until(lambda: shown.node("template_wheel_1") == pytest.approx((0.55, -0.35, 0.30), abs=1e-4))
     robot.publish(robot.wheel(version=2, pose_in_world=Pose(position=(0.6, -0.2, 0.4))))
     shown.until(lambda: shown.node("template_wheel_1") == pytest.approx((0.6, -0.2, 0.4), abs=1e-4))
+
+
+def test_what_the_camera_sees_is_shown_can_be_hidden_and_says_when_it_is_old(robot, show):
+    shown = show().drawn()
+    robot.publish(robot.state())
+    assert not shown.item("cloud").isEnabled() and shown.item("cloud").property("why") == "sees nothing"
+    robot.publish(robot.picture())
+    shown.until(lambda: shown.item("cloud").isEnabled())
+
+    def grains() -> Any:
+        """The drawn cloud's model, as the scene has it."""
+        return shown.find("scene").findChild(type(shown.find("rig")), "cloud_head")
+
+    def bounds() -> tuple[float, ...]:
+        low = shown.opened.stage._clouds.geometry(0).boundsMin()
+        return low.x(), low.y(), low.z()
+
+    shown.until(lambda: grains() and grains().property("visible"))
+    assert bounds() == pytest.approx((0.50, -0.40, 0.25), abs=0.006)
+    assert not shown.item("cloudAge").isVisible()
+    robot.time_ns += 7_000_000_000
+    robot.publish(robot.state())
+    shown.until(lambda: shown.item("cloudAge").isVisible() and "7 s old" in shown.item("cloudAge").property("text"))
+    shown.press("cloud")
+    shown.until(lambda: not grains().property("visible") and not shown.item("cloudAge").isVisible())
+    robot.publish(robot.picture((0.65, -0.35, 0.30)))  # seen meanwhile: there when it is wanted again
+    shown.turn(0.2)
+    shown.press("cloud")
+    shown.until(lambda: grains().property("visible") and bounds()[0] == pytest.approx(0.60, abs=0.006))
+    assert not shown.item("cloudAge").isVisible()
+
+
+def test_the_cameras_points_are_really_drawn(robot, show):
+    shown = show().drawn()
+
+    def red() -> int:
+        picture = shown.window.grabWindow()
+        colours = (
+            picture.pixelColor(x, y) for x in range(0, picture.width(), 3) for y in range(0, picture.height() // 2, 3)
+        )
+        return sum(colour.red() > 150 and colour.green() < 60 and colour.blue() < 60 for colour in colours)
+
+    robot.publish(robot.state())
+    shown.turn(0.3)
+    before = red()  # the STOP button
+    robot.publish(robot.picture((0.2, -0.1, 0.4)))
+    shown.until(lambda: red() > before + 10)
 
 
 def test_a_template_of_another_version_is_drawn_and_said(robot, show):

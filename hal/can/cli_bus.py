@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import can
 import typer
 
-from hal.can import hub
 from hal.can.capture import Decoder, Interrupt
 from hal.can.cli_options import BitRate, DataBitRate, DbcFile, RuntimeFolder, fail, in_words
 from hal.can.interface import HandrailBus
@@ -32,6 +31,8 @@ def up(
 
     Exit status 0: ended as asked; 1: it can't be started.
     """
+    from hal.can import hub  # its compiled kernels cost half a second, which the other verbs needn't wait for
+
     arguments = ["--channels", channels, "--bitrate", str(bitrate), "--data-bitrate", str(data_bitrate)]
     arguments += ["--timing"] * timing
     arguments += ["--faults", str(faults)] if faults else []

@@ -69,13 +69,14 @@ def replay(
     *,
     speed: float = 1.0,
     ended: Callable[[float], bool] = lambda wait: time.sleep(wait) or False,  # type: ignore[func-returns-value]
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Replayed:
     """Send messages at the distances in time that they had, divided by `speed`; 0: at once, as fast as the bus takes them.
 
     route: gives each message's channel on this bus. `ended`: waits so many s, True when it shall end.
     Raises can.CanOperationError when the bus ends or stays full, ValueError as `route` does.
     """
-    done, first, began = Replayed(), None, time.perf_counter()
+    done, first, began = Replayed(), None, clock()
     for message in messages:
         if message.is_error_frame:
             done.skipped += 1
@@ -84,9 +85,9 @@ def replay(
             first = message.timestamp
         if speed > 0.0:
             due = began + (message.timestamp - first) / speed
-            if (wait := due - time.perf_counter()) > 0.0 and ended(wait):
+            if (wait := due - clock()) > 0.0 and ended(wait):
                 break
-            done.latest_ns = max(done.latest_ns, round((time.perf_counter() - due) * 1e9))
+            done.latest_ns = max(done.latest_ns, round((clock() - due) * 1e9))
         elif done.sent % 256 == 0 and ended(0.0):
             break
         message.channel, message.is_rx = route(message), False

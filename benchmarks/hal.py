@@ -1,0 +1,272 @@
+"""What the way from controller to joint costs, for TALOS' upper body at 500 Hz: ``handrail bench hal``. About 40 s.
+
+- the daemon's bus work in lock-step: the real loop runs in this process against a plant of its own process; timed is what it does
+  between a reply that waits in the socket and the next command in the bus's hands (receive, decode, encode, send), not the waiting;
+- the plant alone: physics, drives and their 5 kHz firmware, without a bus;
+- the whole stack in lock-step: plant, loop and server as processes, a subscriber to all events; holding, and moving an arm under
+  end conditions that need the estimated contact force.
+
+Figures are medians over turns, since machines have moods.
+"""
+
+from __future__ import annotations
+
+import gc
+import select
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.rows import Row
+from daemon.gains import joint_damping
+from daemon.loop import Loop, warm_up
+from hal.can.port import HubPort
+from hal.drives.lifecycle import State, controlword_towards
+from hal.drives.limb_fd import LimbProtocol
+from hal.hardware import Hardware
+from hal.joint import JointCommand, Mode
+from hal.plant import scene
+from hal.plant.world import World
+from hal.shared_core import SharedCore
+from handrail.demo.children import Children
+from handrail.messages import (
+    CheckIn,
+    ContactEnd,
+    DaemonEvent,
+    DaemonStatus,
+    DivergenceEnd,
+    Enable,
+    GetStatus,
+    JointTrajectory,
+    StartAction,
+)
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from handrail.robot.kinematics import Kinematics
+from handrail.runtime import Runtime, memory_folder
+from handrail.topics import Caller, Subscriber
+
+ROBOT, SCENE = "talos_upper", "valve"
+_START_S = 120.0
+_BUS_CYCLES = 4000
+_TURNS, _TURN_S = 7, 1.0
+_PLANT_STEPS = 1000
+_OWNER, _CHECK_IN_S = "bench", 0.25
+_MOVE_S, _SWAY = 120.0, 0.2
+"""s of the robot's time that the moving arm moves; rad to each side"""
+
+
+def rows() -> list[Row]:
+    """One row a figure."""
+    return [*_bus_rows(), _plant_row(), *_stack_rows()]
+
+
+def _row(name: str, value: float, unit: str, *, at_most: float | None = None, at_least: float | None = None) -> Row:
+    holds = (at_most is None or value <= at_most) and (at_least is None or value >= at_least)
+    goal = f"≤ {at_most:g}" if at_most is not None else f"≥ {at_least:g}"
+    return Row(name=name, value=round(value, 2), unit=unit, goal=goal, holds=holds)
+
+
+@contextmanager
+def _processes(*names: str) -> Iterator[Runtime]:
+    """The named processes of a robot's service in lock-step, in a folder of their own."""
+    folder = Path(tempfile.mkdtemp(prefix="handrail-bench-", dir=memory_folder()))
+    common = ["--robot", ROBOT, "--clock", "lockstep", "--runtime", str(folder)]
+    commands = {
+        "plant": [sys.executable, "-m", "hal.plant.world", "--scene", SCENE, *common],
+        "loop": [sys.executable, "-m", "daemon.loop", *common],
+        "server": [sys.executable, "-m", "daemon.server", *common],
+    }
+    try:
+        with Children(folder / "logs") as children:
+            for name in names:
+                children.start(name, commands[name]).wait_for(f"{name} ready", _START_S)
+            yield Runtime.at(folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+# ---------------------------------------------------------------------------------------------------------- bus work
+
+
+class _PatientPort:
+    """A port that waits for frames first and reads then, and knows how long it has waited."""
+
+    def __init__(self, port: HubPort):
+        self._port = port
+        self._poll = select.poll()
+        self._poll.register(port, select.POLLIN)
+        self.waited_ns = 0
+
+    def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
+        began = time.perf_counter_ns()
+        self._poll.poll(timeout_s * 1000)
+        self.waited_ns += time.perf_counter_ns() - began
+        return self._port.receive()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._port, name)
+
+
+class _TimedHardware(Hardware):
+    """Hardware that tells what each cycle's reading and writing took."""
+
+    def __init__(self, description: RobotDescription, port: _PatientPort, protocol: LimbProtocol):
+        super().__init__(description, port, protocol)
+        self.took_ns: list[int] = []
+        self._patient, self._reading_ns = port, 0
+
+    def read(self, wait_s: float = 0.0) -> bool:
+        began, waited = time.perf_counter_ns(), self._patient.waited_ns
+        done = super().read(wait_s)
+        self._reading_ns += time.perf_counter_ns() - began - (self._patient.waited_ns - waited)
+        return done
+
+    def write(self, command: JointCommand | None, cycle: int) -> None:
+        began = time.perf_counter_ns()
+        super().write(command, cycle)
+        self.took_ns.append(self._reading_ns + time.perf_counter_ns() - began)
+        self._reading_ns = 0
+
+
+def _bus_rows() -> list[Row]:
+    description = robots.load(ROBOT)
+    kinematics, protocol = Kinematics(description), LimbProtocol(description)
+    warm_up(kinematics)
+    with _processes("plant") as runtime:
+        port = HubPort(runtime.bus, [channel.name for channel in description.channels], name="daemon")
+        hardware = _TimedHardware(description, _PatientPort(port), protocol)
+        core = SharedCore(port.hub_process)
+        loop = Loop(hardware, kinematics, True, runtime, core)
+        try:
+            for cycle in range(500):
+                loop.cycle()
+                if cycle == 3:
+                    loop.life.enable()
+            assert loop.life.enabled, "the robot did not come to be enabled"
+            hardware.took_ns.clear()
+            gc.collect()
+            gc.freeze()
+            for _ in range(_BUS_CYCLES):
+                loop.cycle()
+                core.look()
+        finally:
+            loop.close()
+            gc.unfreeze()
+    p50, p99 = np.percentile(np.array(hardware.took_ns) / 1e3, (50, 99))
+    what = "bus work of a cycle: receive, decode, encode, send"
+    return [
+        _row(f"{what}, median", float(p50), "µs", at_most=50.0),
+        _row(f"{what}, p99", float(p99), "µs", at_most=120.0),
+    ]
+
+
+# ------------------------------------------------------------------------------------------------------- plant alone
+
+
+def _plant_row() -> Row:
+    """Holding the ready posture, every drive in operation and commanded each 2 ms."""
+    description = robots.load(ROBOT)
+    world = World(description, scene.load(SCENE))
+    try:
+        drives, n = world.drives, len(description.joints)
+        words = np.zeros(n, np.uint8)
+        for _ in range(5):
+            words[:] = controlword_towards(State.OPERATION_ENABLED, drives.state, words)
+            drives.control(words)
+        hold = JointCommand(n)
+        hold.position[:], hold.mode[:] = world.position, Mode.IMPEDANCE
+        hold.stiffness[:] = description.stiffness
+        hold.damping[:] = joint_damping(Kinematics(description), world.position)
+        paces = []
+        for _ in range(_TURNS):
+            began = time.perf_counter()
+            for step in range(_PLANT_STEPS):
+                if step % 2 == 0:
+                    drives.command(hold)
+                world.step()
+            paces.append(_PLANT_STEPS * 1e-3 / (time.perf_counter() - began))
+        assert (drives.state == State.OPERATION_ENABLED).all(), "a drive left operation"
+    finally:
+        world.close()
+    return _row("plant alone, firmware at 5 kHz", float(np.median(paces)), "× real time", at_least=10.0)
+
+
+# ------------------------------------------------------------------------------------------------------- whole stack
+
+
+def _stack_rows() -> list[Row]:
+    with _processes("plant", "loop", "server") as runtime:
+        caller = Caller(runtime.endpoint("daemon.call"))
+        listener = Subscriber(runtime.endpoint("daemon.events"), DaemonEvent)
+        ending = threading.Event()
+        listening = threading.Thread(target=_listen, args=(listener, ending))
+        try:
+            while not isinstance(listener.receive(_START_S), DaemonStatus):
+                pass
+            listening.start()
+            caller.call(Enable())
+            while not caller.call(GetStatus()).enabled:
+                time.sleep(0.05)
+            holding = _pace(caller)
+            caller.call(_sway(robots.load(ROBOT)))
+            moving = _pace(caller)
+            assert caller.call(GetStatus()).action, "the motion ended before its turns were over"
+        finally:
+            ending.set()
+            if listening.is_alive():
+                listening.join()
+            caller.close()
+            listener.close()
+    what = "whole stack in lock-step: plant, loop, server"
+    return [
+        _row(f"{what}; holding", holding, "× real time", at_least=5.0),
+        _row(f"{what}; an arm moves", moving, "× real time", at_least=5.0),
+    ]
+
+
+def _listen(listener: Subscriber, ending: threading.Event) -> None:
+    while not ending.is_set():
+        listener.receive(0.1)
+
+
+def _pace(caller: Caller) -> float:
+    """The median of the robot's time over wall time."""
+    paces = []
+    for _ in range(_TURNS):
+        before, began = caller.call(GetStatus()).time_ns, time.perf_counter()
+        while (passed := time.perf_counter() - began) < _TURN_S:
+            caller.call(CheckIn(owner=_OWNER))
+            time.sleep(min(_CHECK_IN_S, _TURN_S - passed))
+        paces.append((caller.call(GetStatus()).time_ns - before) * 1e-9 / (time.perf_counter() - began))
+    return float(np.median(paces))
+
+
+def _sway(description: RobotDescription) -> StartAction:
+    """The right arm to and fro."""
+    arm = description.arms["right"]
+    joints = description.groups["arm_right"]
+    times = np.arange(0.0, _MOVE_S * 1.001, 0.25)
+    start = description.home_position("ready")[description.index(joints)]
+    share, slope = 0.5 - 0.5 * np.cos(np.pi * times / 2), 0.25 * np.pi * np.sin(np.pi * times / 2)
+    towards = np.full(len(joints), _SWAY)
+    return StartAction(
+        id="sway",
+        owner=_OWNER,
+        motion=JointTrajectory(
+            joints=list(joints),
+            times=times.tolist(),
+            positions=(start + share[:, None] * towards).tolist(),
+            velocities=(slope[:, None] * towards).tolist(),
+        ),
+        ends=[DivergenceEnd(error=0.4), ContactEnd(frame=arm.tip, threshold=100.0)],
+    )

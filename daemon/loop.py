@@ -21,6 +21,7 @@ import numpy as np
 
 from daemon import exchange
 from daemon.actions import Action, ActionTable
+from daemon.bus_watch import NODE
 from daemon.controllers.base import Gains
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.devices import Devices
@@ -276,7 +277,7 @@ def main(arguments: list[str] | None = None) -> int:
         description, runtime = robots.load(given.robot), Runtime.at(given.runtime)
         kinematics, protocol = Kinematics(description), LimbProtocol(description)
         warm_up(kinematics)
-        port, lockstep = open_port(description, runtime, name="daemon"), given.clock == "lockstep"
+        port, lockstep = open_port(description, runtime, name=NODE), given.clock == "lockstep"
         core = SharedCore(port.hub_process) if lockstep and isinstance(port, HubPort) else None
         loop = Loop(Hardware(description, port, protocol), kinematics, lockstep, runtime, core)
         signal.signal(signal.SIGTERM, loop.end)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Literal
 
 import numpy as np
@@ -149,8 +149,14 @@ class Reporter:
         self._signature = signature
         return True
 
-    def status(self, owner_name: Callable[[int], str], processes: dict[str, str]) -> DaemonStatus:
-        """The daemon's status now. `processes`: health of the service's processes, as its supervisor tells it."""
+    def status(
+        self, owner_name: Callable[[int], str], processes: dict[str, str], bus_states: Mapping[str, str]
+    ) -> DaemonStatus:
+        """The daemon's status now.
+
+        `processes`: health of the service's processes, as its supervisor tells it; `bus_states`: channel → the error state of
+        the daemon's node there, where it is known.
+        """
         joints = self._description.joints
         if self.snapshot is None or not self.alive:
             latched = self.latched()
@@ -183,7 +189,7 @@ class Reporter:
             controllers=active_controllers(newest, joints),
             action=self._running_action(newest),
             loop=self._loop_statistics(newest),
-            buses=self._bus_statistics(newest),
+            buses=self._bus_statistics(newest, bus_states),
             devices=device_statuses(newest, self._description),
             holds=[owner_name(int(owner)) for owner in newest["holds"][:MAX_HOLDS] if owner],
             processes=processes,
@@ -218,7 +224,7 @@ class Reporter:
             limited=int(newest["limited"]),
         )
 
-    def _bus_statistics(self, newest: np.ndarray) -> list[BusStatistics]:
+    def _bus_statistics(self, newest: np.ndarray, states: Mapping[str, str]) -> list[BusStatistics]:
         now = int(newest["time_ns"])
         while len(self._loads) > 1 and now - self._loads[0][0] > _LOAD_WINDOW_NS:
             self._loads.popleft()
@@ -230,6 +236,7 @@ class Reporter:
                 frames_sent=int(newest["frames_sent"][row]),
                 frames_received=int(newest["frames_received"][row]),
                 load=float(share[row]),
+                state=states.get(channel.name, ""),
             )
             for row, channel in enumerate(self._description.channels)
         ]

@@ -17,6 +17,7 @@ import typer
 import zmq
 
 from daemon import exchange
+from daemon.bus_watch import BusWatch
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange import Kind
 from daemon.health import read_health
@@ -68,6 +69,8 @@ class Server:
         self._generation = 0
         self._doorbell = Doorbell(server_doorbell(runtime.folder))
         self._loop_bell = Bell(loop_doorbell(runtime.folder))
+        virtual = any(channel.interface == "handrail" for channel in description.channels)
+        self._bus = BusWatch(runtime) if virtual else None
         self._publisher = Publisher(runtime.endpoint("daemon.events"), context=context)
         self._service = Service(runtime.endpoint("daemon.call"), m.DaemonCall, self._handle, context=context)
         self._poller = zmq.Poller()
@@ -117,6 +120,8 @@ class Server:
         self._publisher.close()
         self._doorbell.close()
         self._loop_bell.close()
+        if self._bus is not None:
+            self._bus.close()
 
     # ---------------------------------------------------------------------------------------------- what the loop tells
 
@@ -152,7 +157,9 @@ class Server:
             self._post_unasked(Kind.LOSE_OWNER, owner=owner)
 
     def _status(self) -> m.DaemonStatus:
-        return self._reporter.status(self._owners.name, read_health(self._runtime.folder))
+        return self._reporter.status(
+            self._owners.name, read_health(self._runtime.folder), self._bus.states() if self._bus else {}
+        )
 
     # -------------------------------------------------------------------------------------------------------- calls
 

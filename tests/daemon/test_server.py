@@ -17,12 +17,15 @@ import numpy as np
 import pytest
 import zmq
 
-from daemon import exchange, server
+from daemon import bus_watch, exchange, server
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange import ActionState, Answer, Command, Flag, Kind, Outcome
 from daemon.mailbox import MailboxReader
 from daemon.ring import StateRingWriter
 from daemon.server import Server
+from hal.can.faults import Fault
+from hal.can.hub import Hub
+from hal.can.port import HubPort
 from hal.drives.lifecycle import State, statusword
 from handrail import messages as m
 from handrail.robot import description as robots
@@ -710,3 +713,30 @@ def test_a_gripper_that_does_not_answer_is_named_in_the_refusal(hand_rig: Rig) -
     loop = hand_rig.start_loop()
     loop.answers[Kind.DEVICE] = (Answer.DEVICE_SILENT, 1, 0.0)
     assert hand_rig.refusal(m.CommandGripper(gripper="hand", position=0.5)).message == "hand does not answer"
+
+
+def test_a_node_that_the_bus_has_thrown_off_is_shown_so(rig: Rig) -> None:
+    hub = Hub(rig.runtime.bus, rig.description.channels)
+    joined: list[HubPort] = []
+    joining = threading.Thread(target=lambda: joined.append(HubPort(rig.runtime.bus, name=bus_watch.NODE)))
+    joining.start()
+    rig.start_loop()
+
+    def state_is(state: str) -> bool:
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            hub.poll(0.01)
+            while (message := rig.events.receive(0)) is not None:
+                if isinstance(message, m.DaemonStatus) and message.buses[0].state == state:
+                    return True
+        return False
+
+    try:
+        assert state_is("error_active")
+        hub.add_fault(Fault(kind="bus_off", node=bus_watch.NODE))
+        assert state_is("bus_off")
+        assert rig.call(m.GetStatus()).buses[1].state == "bus_off"
+    finally:
+        hub.close()
+        joining.join()
+        joined[0].close()

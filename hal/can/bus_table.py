@@ -163,8 +163,9 @@ def tables(
         Text(f"bus time {report.time_ns * 1e-9:.3f} s, {timing}"),
         _channels(report, before),
         _identifiers(report, before, name, identifiers),
-        _nodes(report.nodes, nodes),
     ]
+    if report.nodes:
+        parts.append(_nodes(report.nodes, nodes))
     if report.faults:
         parts.append(fault_table(report))
     spaced = [piece for part in parts for piece in (part, Text(""))]

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import can
 import typer
 
 from hal.can.capture import Decoder, Interrupt
-from hal.can.cli_options import BitRate, DataBitRate, DbcFile, RuntimeFolder, fail, in_words
+from hal.can.cli_options import BitRate, DataBitRate, DbcFile, Interface, RuntimeFolder, fail, in_words, open_bus
 from hal.can.interface import HandrailBus
 from hal.drives import DBC_FILES
 from handrail.runtime import Runtime
+
+if TYPE_CHECKING:
+    from hal.can.listening import ListenedBus
 
 
 def up(
@@ -46,9 +49,15 @@ def stats(
     everything: Annotated[bool, typer.Option("--all", help="Show every identifier and node.")] = False,
     period: Annotated[float, typer.Option(min=0.1, help="s between two looks.")] = 0.5,
     dbc: DbcFile = None,
+    interface: Interface = "handrail",
+    channel: Annotated[str | None, typer.Option("--channel", "-c", help="Of a real bus.")] = None,
+    bitrate: BitRate = 1_000_000,
+    data_bitrate: DataBitRate = 5_000_000,
     runtime: RuntimeFolder = None,
 ) -> None:
     """The bus's load by channel and identifier, its nodes' error counters and its faults, live until Ctrl-C.
+
+    Of a real bus (--interface) it shows what can be heard: load by identifier.
 
     Load and frames/s are by the bus's own clock: a simulation that stands still shows `-`.
     Exit status 0: ended as asked; 1: there is no bus, or it ended.
@@ -58,7 +67,14 @@ def stats(
 
     with in_words("stats"):
         decoder = Decoder(*([dbc] if dbc else DBC_FILES.values()))
-        bus = HubControl(Runtime.at(runtime, make=False).bus, timeout_s=1.0)
+        bus: HubControl | ListenedBus
+        if interface == "handrail":
+            bus = HubControl(Runtime.at(runtime, make=False).bus, timeout_s=1.0)
+        else:
+            from hal.can.listening import ListenedBus
+
+            real = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-stats")
+            bus = ListenedBus(real, str(channel), bitrate, data_bitrate)
         interrupt = Interrupt()
         try:
             before = bus.report()

@@ -13,7 +13,11 @@ import cantools
 import numpy as np
 import pytest
 from cantools.database.can import Database
+from hypothesis import given
+from hypothesis import strategies as st
 
+from hal.can import frames
+from hal.can.convert import to_message, to_record
 from hal.can.interface import HandrailBus
 from hal.can.port import HubPort, open_port
 from hal.can.real_port import CanPort
@@ -226,3 +230,28 @@ def test_channels_that_cannot_be_opened_are_named(running: Path, robot: object) 
         ValueError, match=r"'no_such_interface' is none that python-can has; expected handrail .* socketcan"
     ):
         open_port(robot, Runtime.at(running))
+
+
+@st.composite
+def _records(draw: st.DrawFn) -> np.ndarray:
+    """Any frame that the hub lets onto the bus."""
+    flags = draw(st.integers(0, 31))
+    if flags & frames.FD:
+        flags &= ~frames.REMOTE
+        length = draw(st.sampled_from(frames.FD_LENGTHS))
+    else:
+        flags &= ~(frames.BRS | frames.ESI)
+        length = draw(st.integers(0, 8))
+    record = frames.empty(1)
+    record["can_id"] = draw(st.integers(0, 0x1FFFFFFF if flags & frames.EXTENDED else 0x7FF))
+    record["length"], record["flags"], record["bus"] = length, flags, draw(st.integers(0, 1))
+    if not flags & frames.REMOTE:
+        record["data"][0, :length] = list(draw(st.binary(min_size=length, max_size=length)))
+    return record
+
+
+@given(_records())
+def test_records_and_messages_say_the_same(record: np.ndarray) -> None:
+    message = to_message(record.tobytes(), ["can0", "can1"])
+    again = np.frombuffer(to_record(message, int(record["bus"][0])), frames.RECORD)
+    assert again.tobytes() == record.tobytes()

@@ -9,6 +9,7 @@ import json
 import os
 import pty
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ import numpy as np
 import pytest
 
 from hal.can import bus_check, frames, real_port
+from hal.can.listening import ListenedBus
 from hal.can.mixed_port import MixedPort
 from hal.can.port import HubPort, open_port
 from hal.can.wire import BusLost
@@ -309,3 +311,23 @@ def test_a_survey_never_talks_into_another_hosts_conversation(bench_robot: Simpl
         port.close()
         other.close()
     assert not found.asked and drives.asked == 0 and len(found.missing) == 18
+
+
+def test_the_load_of_a_real_bus_is_found_out_by_listening() -> None:
+    with can.Bus(interface="virtual", channel="heard", protocol=can.CanProtocol.CAN_FD) as device:
+        heard = ListenedBus(real_port.open_bus("virtual", "heard", 1_000_000, 5_000_000), "heard", 1_000_000, 5_000_000)
+        for _ in range(10):
+            device.send(can.Message(arbitration_id=0x155, is_extended_id=False, data=bytes(8)))
+            device.send(can.Message(arbitration_id=0x155, is_extended_id=True, is_fd=True, data=bytes(64)))
+        device.send(can.Message(is_error_frame=True))
+        until = time.monotonic() + 5
+        while (channel := heard.report().channels[0]).error_frames < 1 and time.monotonic() < until:
+            time.sleep(0.01)
+        heard.close()
+    assert {(of.can_id, of.extended, of.frames) for of in channel.identifiers} == {
+        (0x155, False, 10),
+        (0x155, True, 10),
+    }
+    classic = next(of for of in channel.identifiers if not of.extended)
+    assert 10 * 111_000 <= classic.busy_ns <= 10 * 135_000  # 8 bytes: 111 bits and stuffing, at 1 Mbit/s
+    assert channel.frames == 20 and channel.busy_ns == sum(of.busy_ns for of in channel.identifiers)

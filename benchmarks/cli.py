@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +15,7 @@ from rich.console import Console
 import benchmarks
 from benchmarks.rows import show
 
-_NOT_BENCHMARKS = {"cli", "rows"}
+_NOT_BENCHMARKS = {"cli", "rows", "sea_pictures"}
 
 
 def names() -> list[str]:
@@ -27,6 +28,9 @@ def names() -> list[str]:
 def bench(
     name: Annotated[str, typer.Argument(help="Which benchmark; leave it out to see what there is.")] = "",
     json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the rows to this file, too.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write pictures here, for a benchmark that draws some.")
+    ] = None,
 ) -> None:
     """Measure against peers in one run, and print a table. Exit status 0: every goal holds; 1: not; 2: no such benchmark."""
     console = Console()
@@ -34,7 +38,12 @@ def bench(
     if name not in names():
         console.print(f"handrail bench: got {name!r}; expected one of {', '.join(names())}", markup=False)
         raise typer.Exit(2)
-    rows = importlib.import_module(f"benchmarks.{name}").rows()
+    measure = importlib.import_module(f"benchmarks.{name}").rows
+    draws = "out" in inspect.signature(measure).parameters
+    if out and not draws:
+        console.print(f"handrail bench: --out {out}: {name} draws no pictures; leave it out", markup=False)
+        raise typer.Exit(2)
+    rows = measure(out=out) if draws else measure()
     show(console, rows)
     if json:
         json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=2) + b"\n")

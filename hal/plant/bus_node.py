@@ -35,10 +35,11 @@ class BusNode:
         self._targets = DriveTargets(n)
         self._owed = np.zeros(n, np.bool_)
         self._out = frames.empty(n)
-        # The answers' values are the world's own arrays: nothing is copied on the way to the frame.
+        # The answers' values are the drives' own arrays, as their sensors read: nothing is copied on the way to the frame.
         self._state = state = JointState(n)
-        state.position, state.velocity = world.position, world.velocity
-        state.torque = drives.actuators.spring_torque
+        actuators = drives.actuators
+        state.position, state.velocity = actuators.measured_position, actuators.measured_velocity
+        state.torque = actuators.measured_torque
         state.temperature, state.error = drives.temperature, drives.error
         state.sequence = self._targets.sequence
 
@@ -64,7 +65,9 @@ class BusNode:
         owed, state = self._owed, self._state
         if not np.count_nonzero(owed):
             return self._out[:0]
-        _STATUSWORDS.take(self._drives.state, out=state.status)
+        drives = self._drives
+        _STATUSWORDS.take(drives.state, out=state.status)
+        state.status |= drives.flags
         count = self._protocol.encode_status(state, self._drives.actuators.mode, owed, self._out)
         self.senders = np.flatnonzero(owed)
         owed[:] = False

@@ -11,6 +11,9 @@ quick stop active     for 0.25 s what the spring carried when it began          
                       − quick_stop_damping · velocity, then none
 any other             none                                                              closed
 ===================== ================================================================= =================
+
+Motors heat up with their current squared. Above the warning temperature a drive says so and takes torque away, so that its own
+load does not take it to the limit where it faults.
 """
 
 from __future__ import annotations
@@ -19,9 +22,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from hal.drives.lifecycle import DriveError, State, transition
+from hal.drives.lifecycle import INTERNAL_LIMIT, WARNING, DriveError, State, transition
+from hal.drives.parameters import ParameterResult
 from hal.joint import JointCommand, Mode
 from hal.plant.actuator import Actuators
+from hal.plant.drive_parameters import DriveParameters
 from handrail.robot.description import RobotDescription
 
 STEP_NS = 1_000_000
@@ -32,20 +37,26 @@ BRAKE_RELEASE_NS = 50_000_000
 """from the first command to the open brake: the spring takes the load up meanwhile, so that nothing drops"""
 AMBIENT = 25.0
 """°C"""
+TEMPERATURE_WARNING, TEMPERATURE_LIMIT = 80.0, 95.0
+"""°C, until somebody writes others"""
+BUS_VOLTAGE, UNDERVOLTAGE = 48.0, 36.0
+"""V: nominal, and where a drive faults"""
 _RATED_RISE, _THERMAL_TIME_CONSTANT = 40.0, 600.0  # K at rated torque for ever; s
-_TOO_HOT = 95.0
 # A drive trips when the joint runs at more than this over its velocity limit for so long: a blow alone does not trip it.
 _OVERSPEED_RATIO, _OVERSPEED_NS = 2.0, 5_000_000
 
 _ENABLED, _QUICK_STOP, _FAULT = int(State.OPERATION_ENABLED), int(State.QUICK_STOP_ACTIVE), int(State.FAULT)
 _WATCHDOG = int(DriveError.WATCHDOG)
 _OVERTEMPERATURE, _OVERSPEED = int(DriveError.OVERTEMPERATURE), int(DriveError.OVERSPEED)
+_UNDERVOLTAGE = int(DriveError.UNDERVOLTAGE)
 _DAMPING, _IMPEDANCE = int(Mode.DAMPING), int(Mode.IMPEDANCE)
+_WARNING, _INTERNAL_LIMIT = np.uint16(WARNING), np.uint16(INTERNAL_LIMIT)
+_LEAST_DERATING = 1e-3
 _NEVER = -1
 
 
 class DriveNodes:
-    """n drives. `state`, `error`, `temperature` (°C) and `brakes` (True: closed) are for reading."""
+    """n drives. `state`, `error`, `temperature` (°C), `flags` and `brakes` (True: closed) are for reading."""
 
     def __init__(self, description: RobotDescription, actuators: Actuators):
         n = len(description.joints)
@@ -53,6 +64,14 @@ class DriveNodes:
         self.state = np.full(n, State.SWITCH_ON_DISABLED, np.uint8)
         self.error = np.zeros(n, np.uint8)
         self.temperature = np.full(n, AMBIENT)
+        self.temperature_warning = np.full(n, TEMPERATURE_WARNING)
+        """°C"""
+        self.temperature_limit = np.full(n, TEMPERATURE_LIMIT)
+        """°C"""
+        self.flags = np.zeros(n, np.uint16)
+        """statusword's bits 7, hotter than the warning temperature, and 11, a limit of the drive acts"""
+        self.bus_voltage = np.full(n, BUS_VOLTAGE)
+        """V, at the drives: whoever feeds them writes it"""
         self.brakes = np.ones(n, np.bool_)
         self.brakes_moved = True
         """set when a brake closed or opened; whoever moves the joints resets it"""
@@ -66,7 +85,12 @@ class DriveNodes:
         self._stopped = np.zeros(n, np.int64)
         self._fast = np.full(n, _NEVER, np.int64)
         self._overspeed = _OVERSPEED_RATIO * description.velocity_limit
-        self._heat = _RATED_RISE / description.torque_limit**2
+        model = actuators.model
+        self._heat = _RATED_RISE / (model.torque_limit / model.torque_per_current) ** 2
+        actuators.set_limits(
+            description.lower, description.upper, description.velocity_limit, description.quick_stop_damping
+        )
+        self._parameters = DriveParameters(self, description.joints)
         self._everyone = np.ones(n, np.bool_)
         self._default_cycles = np.full(n, description.watchdog_cycles, np.uint8)
 
@@ -119,6 +143,17 @@ class DriveNodes:
         self.error[row] = error
         self._enter(row, State(self.state[row]), State.FAULT)
 
+    def read_parameter(self, row: int, index: int) -> float:
+        """One value of a drive's object dictionary (hal.drives.parameters). Raises KeyError for what it cannot read."""
+        result, value = self._parameters.read(row, index)
+        if result is not ParameterResult.OK:
+            raise KeyError(f"parameter {index:#04x}: {result.name.lower()}")
+        return value
+
+    def write_parameter(self, row: int, index: int, value: float) -> ParameterResult:
+        """Change one value of a drive's object dictionary; nothing changes unless the result is OK."""
+        return self._parameters.write(row, index, value)
+
     def _enter(self, row: int, before: State, after: State) -> None:
         actuators = self.actuators
         self.state[row] = after
@@ -132,7 +167,7 @@ class DriveNodes:
             self._stopped[row] = self.now_ns
             # It damps about the load that it carried: gravity or a tool's contact must not take the joint along meanwhile.
             a.mode[row], a.damping[row] = _IMPEDANCE, self._description.quick_stop_damping[row]
-            a.torque[row], a.stiffness[row], a.velocity[row] = a.spring_torque[row], 0.0, 0.0
+            a.torque[row], a.stiffness[row], a.velocity[row] = a.measured_torque[row], 0.0, 0.0
         else:
             actuators.powered[row] = False
             if not self.brakes[row]:
@@ -150,9 +185,10 @@ class DriveNodes:
         if _live(
             self.now_ns, self.state, self.error, self._heard, self._interval, self._first_command, self._stopped,
             self._fast, self.brakes, actuators.powered, actuators.mode, actuators.damping, actuators.torque,
-            actuators.stiffness, actuators.velocity,
-            self._description.quick_stop_damping, velocity, self._overspeed, actuators.spring_torque, self._heat,
-            self.temperature,
+            actuators.stiffness, actuators.velocity, actuators.smooth, self._description.quick_stop_damping,
+            actuators.measured_velocity, self._overspeed, actuators.measured_torque, actuators.current, self._heat,
+            self.temperature, self.temperature_warning, self.temperature_limit, actuators.derating, self.bus_voltage,
+            actuators.limited, self.flags,
         ):  # fmt: skip
             self.brakes_moved = True
         torque = actuators.step(position, velocity, firmware_cycles)
@@ -180,26 +216,35 @@ def _take(  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _live(  # type: ignore[no-untyped-def]
     now, state, error, heard, interval, first_command, stopped, fast, brakes, powered, mode, damping, goal, stiffness,
-    goal_velocity, quick_stop_damping, velocity, overspeed, torque, heat, temperature,
+    goal_velocity, smooth, quick_stop_damping, velocity, overspeed, torque, current, heat, temperature, warm, hot, derating,
+    voltage, limited, flags,
 ):  # fmt: skip
     """What every drive does by itself in a millisecond; writes the arrays. True when a brake opened or closed."""
     moved = False
     for j in range(state.shape[0]):
-        excess = AMBIENT + heat[j] * torque[j] ** 2 * powered[j] - temperature[j]
+        excess = AMBIENT + heat[j] * current[j] ** 2 - temperature[j]
         temperature[j] += STEP_NS * 1e-9 / _THERMAL_TIME_CONSTANT * excess
+        flags[j] = _INTERNAL_LIMIT if limited[j] and powered[j] else 0
+        derating[j] = 1.0
+        if temperature[j] > warm[j]:
+            flags[j] |= _WARNING
+            derating[j] = max((hot[j] - temperature[j]) / (hot[j] - warm[j]), _LEAST_DERATING)
         if abs(velocity[j]) <= overspeed[j]:
             fast[j] = _NEVER
         elif fast[j] == _NEVER:
             fast[j] = now
+        tripped = 0
         if state[j] == _ENABLED:
-            if temperature[j] > _TOO_HOT:
-                error[j] = _OVERTEMPERATURE
+            if temperature[j] > hot[j]:
+                tripped = _OVERTEMPERATURE
             elif fast[j] != _NEVER and now - fast[j] >= _OVERSPEED_NS:
-                error[j] = _OVERSPEED
-            if error[j] == _OVERTEMPERATURE or error[j] == _OVERSPEED:
-                state[j], powered[j] = _FAULT, False
-                moved = moved or not brakes[j]
-                brakes[j] = True
+                tripped = _OVERSPEED
+        if voltage[j] < UNDERVOLTAGE and state[j] != _FAULT:
+            tripped = _UNDERVOLTAGE
+        if tripped:
+            state[j], error[j], powered[j] = _FAULT, tripped, False
+            moved = moved or not brakes[j]
+            brakes[j] = True
         if state[j] == _ENABLED:
             if now - heard[j] > interval[j]:
                 state[j], error[j] = _QUICK_STOP, _WATCHDOG
@@ -213,4 +258,6 @@ def _live(  # type: ignore[no-untyped-def]
             powered[j] = False
             moved = moved or not brakes[j]
             brakes[j] = True
+        # A stop acts at once, and behind a closed brake nothing can jump.
+        smooth[j] = state[j] == _ENABLED and not brakes[j]
     return moved

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.plant.actuator import FIRMWARE_HZ, Actuators, springs_for
+from hal.plant.actuator import FIRMWARE_HZ, Actuators
 from hal.plant.bodies import HINGE, is_loose, object_urdf
 from hal.plant.bullet import pybullet as p
 from hal.plant.devices import DevicePlant
@@ -72,7 +72,7 @@ class World:
         self._objects = {name: self._load_object(name) for name in scene.objects}
         self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
-        self.drives = DriveNodes(description, Actuators(springs_for(description.torque_limit)))
+        self.drives = DriveNodes(description, Actuators.of(description))
         self.devices = DevicePlant(self.robot, self.drives, self.velocity, lambda: self.time_ns)
         self.drives.actuators.relax(self.position)
         self.drives.actuators.set_position_gains(description.stiffness, self._damping())
@@ -200,8 +200,13 @@ class World:
                     physicsClientId=self._client,
                 )
             else:
+                # A motor that wants to stand still, and may use so much torque for it, is Coulomb friction.
                 p.setJointMotorControl2(
-                    self._robot, self._rows[j], p.VELOCITY_CONTROL, force=0, physicsClientId=self._client
+                    self._robot,
+                    self._rows[j],
+                    p.VELOCITY_CONTROL,
+                    force=self.description.actuators[j].friction,
+                    physicsClientId=self._client,
                 )
         self._braked[:] = brakes
         self.drives.brakes_moved = False

@@ -30,13 +30,17 @@ class Document:
 
     file: Path
     data: CommentedMap
+    base: Document | None = None
+    """the document that this one extends; `data` then holds both"""
+    own: CommentedMap | None = None
+    """of a document that extends another one: what it says itself"""
 
     def line(self, path: str) -> int | None:
         """The line (from 1) of the field at a dotted path such as ``states.reach.with.plan`` or ``limbs[2].joints``."""
         node: Any = self.data
         line: int | None = None
         for part in re.findall(r"[^.\[\]]+", path):
-            if isinstance(node, CommentedMap) and part in node:
+            if isinstance(node, CommentedMap) and part in node and node.lc.data and part in node.lc.data:
                 line, node = node.lc.key(part)[0] + 1, node[part]
             elif isinstance(node, CommentedSeq) and part.isdigit() and int(part) < len(node):
                 line, node = node.lc.item(int(part))[0] + 1, node[int(part)]
@@ -45,8 +49,19 @@ class Document:
         return line
 
     def error(self, field: str, problem: str) -> ConfigError:
-        """An error about a field of this file."""
-        return ConfigError(self.file, self.line(field), field, problem)
+        """An error about a field of this file, or of the one that it extends where the field comes from there."""
+        source = self
+        while source.base is not None and source.own is not None and not _says(source.own, field):
+            if not _says(source.base.data, field):  # nobody says it: this file should
+                return ConfigError(self.file, Document(self.file, source.own).line(field), field, problem)
+            source = source.base
+        own = source.data if source.own is None else source.own
+        return ConfigError(source.file, Document(source.file, own).line(field), field, problem)
+
+    def over(self, base: Document) -> Document:
+        """This document laid over another one: mappings are merged key by key, anything else replaces what was there, and
+        ``null`` takes away."""
+        return Document(self.file, _laid_over(base.data, self.data), base, self.data)
 
     def convert(self, kind: type[_T], path: str = "") -> _T:
         """The document (or the part at `path`) as `kind`, a msgspec struct. Raises ConfigError."""
@@ -66,7 +81,7 @@ class Document:
             unknown = re.search(r"unknown field `([^`]+)`", text)
             if unknown:
                 field = f"{field}.{unknown[1]}".lstrip(".")
-            raise ConfigError(self.file, self.line(field), field, f"{text}{self._shown(field)}") from error
+            raise self.error(field, f"{text}{self._shown(field)}") from error
 
     def _named(self, field: str) -> str:
         # msgspec shows map keys as `[...]`: find the one whose value fails.
@@ -82,6 +97,30 @@ class Document:
             else:
                 return ""
         return "" if isinstance(node, dict | list) else f"; got {node!r}"
+
+
+def _says(data: Any, field: str) -> bool:
+    """A field is there; of an element of a list, the list."""
+    node = data
+    for part in re.findall(r"[^.\[\]]+", field):
+        if isinstance(node, list):
+            return True
+        if not isinstance(node, dict) or part not in node:
+            return False
+        node = node[part]
+    return True
+
+
+def _laid_over(base: CommentedMap, top: CommentedMap) -> CommentedMap:
+    merged = CommentedMap()
+    for key in {**base, **top}:
+        if key not in top:
+            merged[key] = base[key]
+        elif isinstance(top[key], CommentedMap) and isinstance(base.get(key), CommentedMap):
+            merged[key] = _laid_over(base[key], top[key])
+        elif top[key] is not None or key not in base:
+            merged[key] = top[key]
+    return merged
 
 
 def _plain(node: Any) -> Any:

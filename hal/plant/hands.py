@@ -21,6 +21,8 @@ _LINKAGE_GAIN, _POSITION_GAIN = 0.5, 0.05
 """share of an error that is put right in a step, of the linkage and of the drive"""
 _SELF_LOCKING = 5.0
 """the effort that a gripper without power withstands over its rated one"""
+_PRELOADED = 0.1
+"""the effort, over the rated one, from which on a gripper presses something"""
 _RATED_RISE, _THERMAL_TIME_CONSTANT_S = 30.0, 120.0  # K at rated effort for ever
 # Held: no longer moving, short of the target, and pressing with most of what it may.
 _STILL, _SHORT, _PRESSING = 0.02, 0.01, 0.8
@@ -36,13 +38,14 @@ class Gripper:
         self.lower, self.upper, self._speed_limit, self._effort_limit = description.device_limits[joint]
         self.state = State.SWITCH_ON_DISABLED
         self.temperature = AMBIENT
-        self._target = self._opening = min(max(0.0, self.lower), self.upper)
+        self._target = self.rest = min(max(0.0, self.lower), self.upper)
+        """where it is at first"""
         self._speed, self._effort = self._speed_limit, self._effort_limit
         self._measured_ns = 0
         self.followers = {name: mimic for name, mimic in description.mimics.items() if mimic.joint == joint}
-        body.place(joint, self._opening)
+        body.place(joint, self.rest)
         for name, mimic in self.followers.items():
-            body.place(name, mimic.multiplier * self._opening + mimic.offset)
+            body.place(name, mimic.multiplier * self.rest + mimic.offset)
             self._couple(body.joints[name], mimic.multiplier, mimic.offset)
         self._hold()
 
@@ -88,11 +91,15 @@ class Gripper:
         self._body.place(self.joint, position)
         for name, mimic in self.followers.items():
             self._body.place(name, mimic.multiplier * position + mimic.offset)
-        self._hold()
+        self._drive(position, self._speed_limit, _SELF_LOCKING * self._effort_limit)
 
     def _hold(self) -> None:
-        position = p.getJointState(self._body.number, self._row, physicsClientId=self._body.client)[0]
-        self._drive(position, self._speed_limit, _SELF_LOCKING * self._effort_limit)
+        """Stay where it is; the gear's preload goes on pressing what it pressed."""
+        position, _, _, effort = p.getJointState(self._body.number, self._row, physicsClientId=self._body.client)
+        if abs(effort) > _PRELOADED * self._effort_limit:
+            self._drive(self._target, self._speed_limit, abs(effort))
+        else:
+            self._drive(position, self._speed_limit, _SELF_LOCKING * self._effort_limit)
 
     def _drive(self, target: float, speed: float, effort: float) -> None:
         # A speed of 0 means standing still here, and no limit at all to PyBullet.

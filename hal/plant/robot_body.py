@@ -21,12 +21,12 @@ Vector = tuple[float, ...]
 
 
 class RobotBody:
-    """One robot in one world. Its base stands at the world's origin, fixed or, for a robot with a free base, loose."""
+    """One robot in one world. Its base stands at the world's origin: fixed (a gantry's harness is that too), or loose."""
 
     def __init__(self, description: RobotDescription, client: int, *, visual: bool = False, urdf: Path | None = None):
         """`visual`: with its looks, for pictures; `urdf`: made from what `prepare` gave, and used instead of it."""
         self.description, self.client = description, client
-        self.fixed = description.base == "fixed"
+        self.fixed = description.base == "fixed" or description.support == "gantry"
         self.number = p.loadURDF(
             str(urdf or prepare(description, visual=visual)),
             useFixedBase=self.fixed,

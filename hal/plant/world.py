@@ -32,8 +32,6 @@ _FIRMWARE_CYCLES = round(FIRMWARE_HZ * _STEP)
 _BRAKE_RESERVE, _BRAKE_GAIN = 3.0, 0.2
 # Contacts are looked at every so many steps: a push lasts longer, and looking costs as much as the firmware.
 _CONTACT_STEPS = 4
-# What a gantry holds a robot with, N and N·m.
-_GANTRY_FORCE = 1e5
 _FLOOR_FRICTION = 1.0
 
 
@@ -66,9 +64,8 @@ class World:
         self._rows = [self.robot.joints[joint] for joint in description.joints]
         for joint, angle in zip(description.joints, self.position, strict=True):
             self.robot.place(joint, angle)
-        self._gantry = self._hang() if description.support == "gantry" else None
-        if description.floor is not None:
-            self._lay_floor(description.floor)
+        self.floor = None if description.floor is None else self._lay_floor(description.floor)
+        """PyBullet's number of the floor, if there is one"""
         self._objects = {name: self._load_object(name) for name in scene.objects}
         self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
@@ -89,33 +86,11 @@ class World:
         """Simulated time since the start."""
         return self.steps * STEP_NS
 
-    def _hang(self) -> int:
-        """Hold the free base where it is, as a gantry with a harness of steel does."""
-        centre, _ = self.robot.base_inertial
-        gantry = p.createConstraint(
-            self._robot,
-            BASE,
-            -1,
-            BASE,
-            p.JOINT_FIXED,
-            (0, 0, 0),
-            (0, 0, 0),
-            centre.tolist(),
-            physicsClientId=self._client,
-        )
-        p.changeConstraint(gantry, maxForce=_GANTRY_FORCE, physicsClientId=self._client)
-        return gantry
-
-    def release(self) -> None:
-        """Let a robot with a free base down from its gantry: from now on it stands, or falls, by itself."""
-        if self._gantry is not None:
-            p.removeConstraint(self._gantry, physicsClientId=self._client)
-            self._gantry = None
-
-    def _lay_floor(self, height: float) -> None:
+    def _lay_floor(self, height: float) -> int:
         plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=self._client)
         floor = p.createMultiBody(0, plane, basePosition=(0, 0, height), physicsClientId=self._client)
         p.changeDynamics(floor, BASE, lateralFriction=_FLOOR_FRICTION, physicsClientId=self._client)
+        return floor
 
     def _load_object(self, name: str) -> int:
         thing, pose = self.scene.objects[name], self.scene.poses_in_world[name]

@@ -124,6 +124,7 @@ class Camera(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
 class _ArmFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     groups: list[str]
     tool: str
+    tip: str = ""
 
 
 class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -235,7 +236,7 @@ class RobotDescription:
     allowed_collision_pairs: tuple[tuple[str, str], ...]
     base: Literal["fixed", "free"]
     support: Literal["gantry", "none"]
-    """what holds a free base at first, in the plant"""
+    """what holds a free base in the plant; a gantry lets it neither move nor turn"""
     floor: float | None
     """m, height of the plant's floor below the base's frame at the start; none: there is no floor"""
     devices: tuple[Device, ...]
@@ -282,12 +283,31 @@ def find(name_or_folder: str | os.PathLike[str]) -> Path:
     )
 
 
+def _read(file: Path, extending: tuple[Path, ...] = ()) -> config.Document:
+    """A robot's file, laid over the one that it `extends`, if it does."""
+    document = config.read(file)
+    if "extends" not in document.data:
+        return document
+    name = document.data["extends"]
+    if not isinstance(name, str):
+        raise document.error("extends", f"got {name!r}; expected a robot's name")
+    try:
+        base = find(name)
+    except config.ConfigError as unknown:
+        raise document.error("extends", unknown.problem) from unknown
+    if base in (*extending, file):
+        raise document.error("extends", f"{name} extends this robot; expected no circle")
+    merged = document.over(_read(base, (*extending, file)))
+    del merged.data["extends"]
+    return merged
+
+
 def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
     """Read a robot by name or folder. Raises config.ConfigError with file, line, field and expectation."""
-    document = config.read(find(name_or_folder))
+    document = _read(find(name_or_folder))
     file = document.convert(_RobotFile)
     try:
-        assembled = urdf.assemble(file.model)
+        assembled = urdf.assemble(file.model, document.file.parent)
     except (FileNotFoundError, ValueError) as problem:
         raise document.error("model", str(problem)) from problem
     channels = {channel.name for channel in file.network.channels}
@@ -333,7 +353,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         channels=tuple(file.network.channels),
         limbs=tuple(limbs),
         groups=groups,
-        arms=_arms(document, file, groups),
+        arms=_arms(document, file, groups, tree),
         lower=lower,
         upper=upper,
         velocity_limit=velocity,
@@ -449,18 +469,30 @@ def _per_joint(document: config.Document, field: str, given: dict[str, float], j
     return np.array(values)
 
 
-def _arms(document: config.Document, file: _RobotFile, groups: dict[str, tuple[str, ...]]) -> dict[str, Arm]:
+def _arms(
+    document: config.Document, file: _RobotFile, groups: dict[str, tuple[str, ...]], tree: ET.Element
+) -> dict[str, Arm]:
     tools = {tool.name: tool for tool in file.model.tools}
+    links = {link.get("name", "") for link in tree.findall("link")}
     arms = {}
     for name, arm in file.arms.items():
         if unknown := [group for group in arm.groups if group not in groups]:
             raise document.error(
                 f"arms.{name}.groups", f"no group {unknown[0]!r}; expected some of {', '.join(groups)}"
             )
-        if arm.tool not in tools:
-            raise document.error(f"arms.{name}.tool", f"got {arm.tool!r}; expected one of {', '.join(tools)}")
+        if arm.tool not in links:
+            raise document.error(
+                f"arms.{name}.tool",
+                f"got {arm.tool!r}; expected a link of the URDF or one of model.tools ({', '.join(tools) or 'none'})",
+            )
+        if not arm.tip and arm.tool not in tools:
+            raise document.error(
+                f"arms.{name}.tip", f"expected the frame where {arm.tool} touches: it is no model tool"
+            )
+        if arm.tip and arm.tip not in links:
+            raise document.error(f"arms.{name}.tip", f"no link {arm.tip!r} in the URDF")
         chain = tuple(joint for group in arm.groups for joint in groups[group])
-        arms[name] = Arm(name, chain, arm.tool, tools[arm.tool].tip_frame)
+        arms[name] = Arm(name, chain, arm.tool, arm.tip or tools[arm.tool].tip_frame)
     return arms
 
 

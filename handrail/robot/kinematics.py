@@ -12,7 +12,10 @@ from handrail.robot.description import RobotDescription
 
 
 class Kinematics:
-    """A pinocchio model of a fixed-base robot with one-degree-of-freedom joints."""
+    """A pinocchio model of a robot with one-degree-of-freedom joints, seen from its base.
+
+    Joints that a gripper moves are part of the model, and stand where `set_gripper` put them last: closed at 0 at first.
+    """
 
     def __init__(self, description: RobotDescription):
         self.description = description
@@ -22,7 +25,24 @@ class Kinematics:
         self.index_v = np.array([self.model.idx_vs[i] for i in ids], dtype=np.intp)
         """(n,) the model's velocity index of each joint; for such joints it is the configuration's index too"""
         self._q = pin.neutral(self.model)
+        for joint, (lower, upper, _, _) in description.device_limits.items():
+            self.set_gripper(joint, min(max(0.0, lower), upper))
         self._frames: dict[str, int] = {}
+
+    def set_gripper(self, joint: str, position: float) -> None:
+        """Put a gripper's driven joint at `position`, rad or m, and the joints that mimic it where they then are.
+
+        Raises KeyError for a joint that no gripper drives.
+        """
+        if joint not in self.description.device_limits:
+            raise KeyError(joint)
+        self._q[self._row(joint)] = position
+        for follower, mimic in self.description.mimics.items():
+            if mimic.joint == joint:
+                self._q[self._row(follower)] = mimic.multiplier * position + mimic.offset
+
+    def _row(self, joint: str) -> int:
+        return self.model.idx_vs[self.model.getJointId(joint)]
 
     def configuration(self, position: np.ndarray) -> np.ndarray:
         """pinocchio's q for joint positions (n,) rad. The array is reused by the next call."""

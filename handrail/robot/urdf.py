@@ -42,18 +42,32 @@ class Tool(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         return f"{self.name}_tip"
 
 
+class Frame(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """A frame without mass or shape that the URDF lacks: where a gripper grasps, say."""
+
+    name: str
+    parent: str
+    position: tuple[float, float, float]
+    """m, in the parent link's frame"""
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad"""
+
+
 class Model(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """Where the robot's URDF comes from, and what is done to it."""
 
-    distribution: str
+    distribution: str = ""
     """the installed package that carries it"""
-    urdf: str
+    urdf: str = ""
     """path below the distribution's robots folder"""
+    file: str = ""
+    """instead of both: a URDF in the robot's own folder, with its meshes beside it"""
     fix: list[str] = []
     """joints made rigid at zero, as glob patterns"""
     cut: list[str] = []
     """links that are removed with all that hangs on them, as glob patterns"""
     tools: list[Tool] = []
+    frames: list[Frame] = []
 
 
 def models_folder(distribution: str) -> Path:
@@ -72,13 +86,16 @@ def models_folder(distribution: str) -> Path:
     raise FileNotFoundError(f"the package {distribution} has no share/*/robots folder")
 
 
-def assemble(model: Model) -> Path:
-    """The assembled URDF as a file in the user's cache, named by its content. Raises FileNotFoundError, ValueError."""
-    robots = models_folder(model.distribution)
-    source = robots / model.urdf
-    if not source.is_file():
-        raise FileNotFoundError(f"model.urdf: {model.urdf} is not in {robots}")
-    root = ET.parse(source).getroot()
+def assemble(model: Model, folder: Path | None = None) -> Path:
+    """The assembled URDF as a file in the user's cache, named by its content; `folder` is the robot's own.
+
+    Raises FileNotFoundError, ValueError.
+    """
+    source, robots = _source(model, folder)
+    try:
+        root = ET.parse(source).getroot()
+    except ET.ParseError as error:
+        raise ValueError(f"{source} is not a URDF: {error}") from error
     for tag in ("gazebo", "transmission"):
         for element in root.findall(tag):
             root.remove(element)
@@ -86,11 +103,31 @@ def assemble(model: Model) -> Path:
     _fix(root, model.fix)
     for tool in model.tools:
         _mount(root, tool)
+    for frame in model.frames:
+        _check_parent(root, f"model.frames: {frame.name}", frame.parent)
+        root.append(ET.fromstring(f'<link name="{frame.name}"/>'))
+        root.append(_fixed_joint(f"{frame.name}_joint", frame.parent, frame.name, frame.position, frame.rpy))
     for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        mesh.set("filename", re.sub(r"^package:/{2,3}[^/]+/robots/", f"{robots}/", name))
+        name = re.sub(r"^package:/{2,3}[^/]+/robots/", f"{robots}/", mesh.get("filename", ""))
+        mesh.set("filename", name if "://" in name else str(source.parent / name))
     text = ET.tostring(root, encoding="utf-8")
     return _cached(text, f"{root.get('name', 'robot')}-{hashlib.sha256(text).hexdigest()[:16]}.urdf")
+
+
+def _source(model: Model, folder: Path | None) -> tuple[Path, Path]:
+    """The URDF's file, and the folder that its package paths start in."""
+    if model.file:
+        if model.distribution or model.urdf:
+            raise ValueError("has file and distribution or urdf; expected one or the other")
+        if folder is None or not (folder / model.file).is_file():
+            raise FileNotFoundError(f"model.file: {model.file} is not in {folder}")
+        return folder / model.file, folder
+    if not model.distribution or not model.urdf:
+        raise ValueError("expected distribution and urdf, or file")
+    robots = models_folder(model.distribution)
+    if not (robots / model.urdf).is_file():
+        raise FileNotFoundError(f"model.urdf: {model.urdf} is not in {robots}")
+    return robots / model.urdf, robots
 
 
 def cache_folder() -> Path:
@@ -154,9 +191,13 @@ def _fix(root: ET.Element, patterns: Sequence[str]) -> None:
                     joint.remove(element)
 
 
+def _check_parent(root: ET.Element, field: str, parent: str) -> None:
+    if parent not in {link.get("name") for link in root.findall("link")}:
+        raise ValueError(f"{field}: no link {parent!r} in the URDF")
+
+
 def _mount(root: ET.Element, tool: Tool) -> None:
-    if tool.parent not in {link.get("name") for link in root.findall("link")}:
-        raise ValueError(f"model.tools: {tool.name}: no link {tool.parent!r} in the URDF")
+    _check_parent(root, f"model.tools: {tool.name}", tool.parent)
     half, r, m = tool.length / 2, tool.radius, tool.mass
     across, along = m * (3 * r * r + tool.length**2) / 12, m * r * r / 2  # solid cylinder
     shape = f'<origin xyz="0 0 {-half}"/><geometry><cylinder radius="{r}" length="{tool.length}"/></geometry>'

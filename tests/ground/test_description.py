@@ -98,3 +98,77 @@ def test_a_wrong_robot_file_is_refused_with_line_and_field(tmp_path, old, new, f
 def test_an_unknown_robot_is_told_which_there_are():
     with pytest.raises(config.ConfigError, match="talos_upper"):
         description.load("talso")
+
+
+def written(folder, text):
+    folder.mkdir()
+    (folder / "robot.yaml").write_text(text)
+    return folder
+
+
+def test_a_robot_that_extends_another_says_only_what_differs(talos, tmp_path):
+    heavy = description.load(
+        written(tmp_path / "heavy", "extends: talos_upper\nname: heavy\ncontrol:\n  stiffness: {head_1_joint: 80}\n")
+    )
+    row = talos.index("head_1_joint")
+    assert heavy.stiffness[row] == 80
+    assert talos.stiffness[row] == 60
+    np.testing.assert_array_equal(np.delete(heavy.stiffness, row), np.delete(talos.stiffness, row))
+    assert heavy.joints == talos.joints
+    assert heavy.urdf == talos.urdf
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "field", "says"),
+    [
+        ("extends: talso\nname: x\n", ":1:", "extends", "talos_upper"),
+        ("extends: [a]\nname: x\n", ":1:", "extends", "expected a robot's name"),
+        ("extends: .\nname: x\n", "", "extends", "no such robot"),
+        (
+            "extends: talos_upper\nname: x\nhome:\n  ready:\n    head_1_joint: 7\n",
+            "x/robot.yaml:5:",
+            "home.ready.head_1_joint",
+            "got 7",
+        ),
+        (
+            "extends: talos_upper\nname: x\nmodel:\n  tools: null\n",
+            "talos_upper/robot.yaml",
+            "arms.right.tool",
+            "tool_right",
+        ),
+        ("extends: talos_upper\nname: x\nmodel: {file: nowhere.urdf}\n", "x/robot.yaml:3:", "model", "has file and"),
+    ],
+)
+def test_what_is_wrong_in_a_robot_that_extends_another_is_named_in_the_file_that_says_it(
+    tmp_path, text, where, field, says
+):
+    with pytest.raises(config.ConfigError) as refused:
+        description.load(written(tmp_path / "x", text))
+    assert refused.value.field == field
+    assert where in str(refused.value)
+    assert says in str(refused.value)
+
+
+def test_robots_that_extend_each_other_in_a_circle_are_refused(tmp_path, monkeypatch):
+    (tmp_path / "robots").mkdir()
+    written(tmp_path / "robots" / "egg", "extends: hen\nname: egg\n")
+    written(tmp_path / "robots" / "hen", "extends: egg\nname: hen\n")
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    with pytest.raises(config.ConfigError, match="expected no circle"):
+        description.load("hen")
+
+
+def test_a_model_may_lie_in_the_robots_own_folder():
+    bench = description.load("sea_bench")
+    assert Kinematics(bench).frame(bench.home_position("hanging"), "weight_tip").translation == pytest.approx(
+        [0, 0, -0.6]
+    )
+    assert bench.actuators[0].spring_stiffness == 3500
+
+
+def test_joints_that_a_gripper_moves_are_no_joints_of_the_network():
+    robot = description.load("talos_upper_grippers")
+    assert len(robot.joints) == 18
+    assert robot.device_limits["gripper_right_joint"][:2] == pytest.approx((-0.96, 0.0), abs=1e-3)
+    assert {mimic.joint for mimic in robot.mimics.values()} == {"gripper_right_joint", "gripper_left_joint"}
+    assert robot.mimics["gripper_right_fingertip_3_joint"].multiplier == -1

@@ -48,12 +48,18 @@ class Host:
             self.world.step()
         while drives.brakes.any():
             self.cycle()
+            assert not drives.error.any(), f"drives faulted: {drives.error}"
 
     def cycle(self, cycles: int = 1) -> None:
         for _ in range(cycles):
             self.command.torque[:] = self.kinematics.gravity(self.world.position)
             self.world.drives.command(self.command)
             self.world.advance(2)
+
+
+@pytest.fixture
+def host_of() -> type[Host]:
+    return Host
 
 
 @pytest.fixture

@@ -83,6 +83,8 @@ def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Co
     try:
         nursery.warm([PLANT_MODULE, "daemon.loop", "daemon.server"], [(f"{PLANT_MODULE}:warm_up", [ROBOT, SCENE])])
         with progress, ThreadPoolExecutor(workers) as pool, out.open("ab") as file:
+            if file.tell():
+                file.write(b"\n")  # behind a line that was cut off; empty lines are passed over
             bar = progress.add_task("faults", total=len(numbers))
             try:
                 for future in as_completed([pool.submit(one, number) for number in numbers]):

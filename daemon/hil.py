@@ -20,6 +20,20 @@ if TYPE_CHECKING:
 _ENABLING_CYCLES = 500
 
 
+def warm_up(robot: str) -> None:
+    """All that a loop and a server of this robot compile and load, ahead of their start (hal.hil.nursery)."""
+    import daemon.server
+    from daemon.loop import warm_up
+    from hal.drives.limb_fd import LimbProtocol
+    from handrail.robot import description as robots
+    from handrail.robot.kinematics import Kinematics
+
+    assert daemon.server
+    description = robots.load(robot)
+    LimbProtocol(description)
+    warm_up(Kinematics(description))
+
+
 class ControlLoop:
     """The daemon's loop, run by the test. Between two runs simulated time is held."""
 

@@ -81,7 +81,10 @@ def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Co
         return None if stopping.is_set() else carry_out(draw(number, seed, description), turn, nursery)
 
     try:
-        nursery.warm([PLANT_MODULE, "daemon.loop", "daemon.server"], [(f"{PLANT_MODULE}:warm_up", [ROBOT, SCENE])])
+        nursery.warm(
+            [PLANT_MODULE, "daemon.loop"],
+            [(f"{PLANT_MODULE}:warm_up", [ROBOT, SCENE]), ("daemon.hil:warm_up", [ROBOT])],
+        )
         with progress, ThreadPoolExecutor(workers) as pool, out.open("ab") as file:
             if file.tell():
                 file.write(b"\n")  # behind a line that was cut off; empty lines are passed over

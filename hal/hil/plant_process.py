@@ -5,6 +5,9 @@ python -m hal.hil.plant_process --robot NAME --scene SCENE --clock lockstep|wall
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -14,6 +17,7 @@ import zmq
 
 from hal.can.hub import Hub
 from hal.drives.lifecycle import DriveError, State
+from hal.drives.limb_fd import LimbProtocol
 from hal.hil import door
 from hal.hil.door import Done, Fail, Look, No, Place, Push, Seen, Transition
 from hal.plant import scene, service
@@ -167,7 +171,12 @@ def _prepare(plant: service.Service, runtime: Runtime) -> None:
 
 def warm_up(robot: str, scene_name: str) -> None:
     """All that a plant of this robot compiles and loads, ahead of its start (hal.hil.nursery)."""
-    service.warm_up(robots.load(robot), scene.load(scene_name))
+    description = robots.load(robot)
+    service.warm_up(description, scene.load(scene_name))
+    with tempfile.TemporaryDirectory(prefix="hil") as folder:
+        bus = Path(folder) / "bus.sock"
+        with contextlib.closing(Hub(bus, [channel.name for channel in description.channels])):
+            LimbProtocol(description)
 
 
 if __name__ == "__main__":

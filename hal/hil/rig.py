@@ -106,7 +106,7 @@ class Rig:
     def daemon(self) -> Daemon:
         if self._daemon is None:
             assert self.bus  # it hears the daemon's first frame
-            self._nursery.warm(["daemon.loop", "daemon.server"])
+            self._nursery.warm(["daemon.loop"], [("daemon.hil:warm_up", [self.options.robot])])
             self._daemon = Daemon(self._nursery, self.runtime, self._arguments())
             self._open.callback(self._daemon.close)
         return self._daemon

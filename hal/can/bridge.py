@@ -1,7 +1,7 @@
 """A bridge between two buses: what one carries, the other does too, both ways, and nothing comes back as an echo.
 
 Most interfaces never give a process its own frames back. For those that do (udp_multicast), the bridge knows what it has sent
-and drops the first of it that returns. Each direction is a thread: any interface can be waited on that way.
+and drops the first of it that returns. One thread carries both ways where both interfaces can be waited on; else each has its own.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import select
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +25,8 @@ ECHOING = frozenset({"udp_multicast"})
 
 _PATIENCE_S = 0.2
 """the longest wait for a frame, so that the end is noticed"""
+_TURN = 64
+_PRIORITY = 75  # of SCHED_FIFO: between the plant's and the daemon's
 _ECHO_S = 2.0
 """what has not come back by then was lost on the way: the next of the kind is no echo"""
 
@@ -71,6 +74,23 @@ class EchoFilter:
             return True
 
 
+def _together(one: can.BusABC, other: can.BusABC) -> select.poll | None:
+    """What waits for frames on either, None where an interface can't be waited on."""
+    waiting = select.poll()
+    try:
+        for bus in (one, other):
+            waiting.register(bus.fileno(), select.POLLIN)
+    except (NotImplementedError, OSError, ValueError):
+        return None
+    return waiting
+
+
+def _hurry() -> None:
+    """Run this thread before those of ordinary programs where that is permitted: a drive's answer waits for it."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
+
+
 @dataclass
 class Side:
     """One end of a bridge, and what came through it."""
@@ -98,9 +118,9 @@ class Bridge:
         self.problem = ""
         """why it ended by itself"""
         self.ended = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._carry, args=pair, daemon=True) for pair in ((one, other), (other, one))
-        ]
+        self._poll = _together(one.bus, other.bus)
+        ways = [(self._carry_both, ())] if self._poll else [(self._carry, (one, other)), (self._carry, (other, one))]
+        self._threads = [threading.Thread(target=way, args=pair, daemon=True) for way, pair in ways]
 
     def start(self) -> None:
         """Begin."""
@@ -116,39 +136,55 @@ class Bridge:
         for side in self.sides:
             side.bus.shutdown()
 
-    def _carry(self, source: Side, target: Side) -> None:
+    def _carry_both(self) -> None:
+        """Both directions, where both interfaces can be waited on at once."""
+        assert self._poll is not None
+        _hurry()
+        one, other = self.sides
         while not self.ended.is_set():
-            try:
-                message = source.bus.recv(_PATIENCE_S)
-            except (can.CanError, OSError, ValueError) as error:
-                self._fail(f"{source.name}: {error}")
-                return
-            if message is None:
-                continue
-            if message.is_error_frame:
-                source.errors += 1
-                continue
-            if source.echoes and source.echo.is_echo(message):
-                continue
-            # A message's channel is that of where it came from.
-            message.channel, message.is_rx = None, False
+            if self._poll.poll(_PATIENCE_S * 1000):
+                for source, target in ((one, other), (other, one)):
+                    for _ in range(_TURN):  # a flood from one side can't starve the other
+                        if not self._carry_one(source, target, 0.0):
+                            break
+
+    def _carry(self, source: Side, target: Side) -> None:
+        """One direction, in a thread of its own."""
+        _hurry()
+        while not self.ended.is_set():
+            self._carry_one(source, target, _PATIENCE_S)
+
+    def _carry_one(self, source: Side, target: Side, wait_s: float) -> bool:
+        """Take at most one frame across; False when none came."""
+        try:
+            message = source.bus.recv(wait_s)
+        except (can.CanError, OSError, ValueError) as error:
+            self._fail(f"{source.name}: {error}")
+            return False
+        if message is None:
+            return False
+        if message.is_error_frame:
+            source.errors += 1
+            return True
+        if source.echoes and source.echo.is_echo(message):
+            return True
+        # A message's channel is that of where it came from.
+        message.channel, message.is_rx = None, False
+        if target.echoes:
+            target.echo.sent(message)
+        try:
+            target.bus.send(message, timeout=0.0)
+        except (can.CanOperationError, ValueError) as error:
             if target.echoes:
-                target.echo.sent(message)
-            try:
-                target.bus.send(message, timeout=0.0)
-            except (can.CanOperationError, ValueError) as error:
-                if target.echoes:
-                    target.echo.is_echo(message)  # it never left
-                if "ended" in str(error):
-                    self._fail(str(error))
-                    return
-                source.refused += 1
-                source.why_refused = str(error)
-            except (can.CanError, OSError) as error:
-                self._fail(f"{target.name}: {error}")
-                return
-            else:
-                source.taken += 1
+                target.echo.is_echo(message)  # it never left
+            source.refused += 1
+            source.why_refused = str(error)
+        except (can.CanError, OSError) as error:
+            self._fail(f"{target.name}: {error}")
+            return False
+        else:
+            source.taken += 1
+        return True
 
     def _fail(self, problem: str) -> None:
         if not self.ended.is_set():

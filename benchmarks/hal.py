@@ -31,7 +31,7 @@ from daemon.gains import joint_damping
 from daemon.loop import Loop, warm_up
 from hal.can.port import HubPort
 from hal.drives.lifecycle import State, controlword_towards
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import JointCommand, Mode
 from hal.plant import scene

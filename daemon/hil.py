@@ -24,7 +24,7 @@ def warm_up(robot: str) -> None:
     """All that a loop and a server of this robot compile and load, ahead of their start (hal.hil.nursery)."""
     import daemon.server
     from daemon.loop import warm_up
-    from hal.drives.limb_fd import LimbProtocol
+    from hal.drives.protocol import LimbProtocol
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
 
@@ -40,7 +40,7 @@ class ControlLoop:
     def __init__(self, rig: Rig):
         from daemon.loop import Loop, warm_up
         from hal.can.port import open_port
-        from hal.drives.limb_fd import LimbProtocol
+        from hal.drives.protocol import LimbProtocol
         from hal.hardware import Hardware
         from handrail.robot.kinematics import Kinematics
 

@@ -102,7 +102,7 @@ def check_network(description: RobotDescription) -> None:
     # Only robots on real buses pay for python-can.
     from hal.can import bus_check
     from hal.can.wire import BusLost
-    from hal.drives.limb_fd import LimbProtocol
+    from hal.drives.protocol import LimbProtocol
 
     try:
         bus_check.check_channels(description.channels)

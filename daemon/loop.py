@@ -39,7 +39,7 @@ from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
 from hal.can.port import BusLost, HubPort, open_port
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand, JointState
 from hal.realtime import RealTime, sleep_then_spin_until

@@ -30,12 +30,14 @@ class DeviceState:
     """What was last measured; one row a device, in the description's order."""
 
     def __init__(self, n: int):
-        self.values = np.zeros((n, MEASURED))
+        self.memory = np.zeros((MEASURED + 2) * n, np.int64)
+        """everything below, in one piece for kernels"""
+        self.values = self.memory[: MEASURED * n].view(np.float64).reshape(n, MEASURED)
         """the family's measured columns, in its order; the rest 0"""
-        self.measured_ns = np.zeros(n, np.int64)
-        """when it was measured, on the clock of whoever runs the bus"""
-        self.age = np.full(n, 1 << 30, np.int64)
-        """cycles since the last valid frame"""
+        self.age, self.measured_ns = self.memory[MEASURED * n :].reshape(2, n)
+        """cycles since the last valid frame; when it was measured, on the clock of whoever runs the bus, but for the shortest time
+        that such a frame takes on its way. Views of `memory`: never rebind them"""
+        self.age[:] = 1 << 30
 
     def __len__(self) -> int:
         return len(self.age)

@@ -18,6 +18,8 @@ from hal.can import frames
 from hal.can.port import Port
 from hal.device import DeviceCommand, DeviceState
 from hal.drives.lifecycle import CONTROLWORD, STATE_OF_STATUSWORD, Command, State, controlword_towards
+from hal.drives.parameters import Parameter, ParameterResult
+from hal.drives.protocol import ParameterReply
 from hal.joint import JointCommand, JointState
 from handrail.robot.description import RobotDescription
 
@@ -30,6 +32,8 @@ _NEVER = 1 << 30
 _OPERATION_ENABLED = int(State.OPERATION_ENABLED)
 _GATHER_S = 0.02
 """wall time that a lock-step read waits for the rest of the replies when some have come"""
+_REQUESTS_A_CYCLE, _PATIENCE = 2, 50
+"""parameter requests that go out with a cycle's frames until every drive has said who it is; how often one drive is asked"""
 
 
 class Goal(enum.Enum):
@@ -44,7 +48,7 @@ class Goal(enum.Enum):
 
 
 class DriveProtocol(Protocol):
-    """A drive family's frames (hal.drives.limb_fd.LimbProtocol)."""
+    """A drive family's frames (hal.drives.protocol.LimbProtocol)."""
 
     def encode_commands(
         self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]
@@ -56,22 +60,51 @@ class DriveProtocol(Protocol):
 
     def encode_hold_time(self, cycle: int, out: npt.NDArray[np.void]) -> int: ...
 
-    def decode_status(self, records: npt.NDArray[np.void], n: int, state: JointState) -> tuple[int, int]: ...
+    def decode_status(
+        self, records: npt.NDArray[np.void], n: int, state: JointState, devices: DeviceState | None = None
+    ) -> tuple[int, int]: ...
+
+    def encode_devices(
+        self,
+        command: DeviceCommand,
+        due: npt.NDArray[np.bool_],
+        sequence: int,
+        watchdog: int,
+        out: npt.NDArray[np.void],
+    ) -> int: ...
+
+    def encode_request(
+        self, joint: int, index: int, value: float | None, sequence: int, out: npt.NDArray[np.void]
+    ) -> int: ...
+
+    def replies(self) -> list[ParameterReply]: ...
+
+    @property
+    def frames_a_cycle(self) -> int: ...
+
+    @property
+    def repeated(self) -> int: ...
+
+    @property
+    def every(self) -> npt.NDArray[np.int64]: ...
+
+    @property
+    def protocol_version(self) -> npt.NDArray[np.int64]: ...
 
     def quantise(self, command: JointCommand) -> JointCommand: ...
 
 
 class Hardware:
-    """All drives of one robot. Arrays have one row a joint in the description's order."""
+    """All drives and devices of one robot. Arrays have one row a joint (or device) in the description's order."""
 
     def __init__(self, description: RobotDescription, port: Port, protocol: DriveProtocol):
-        n = len(description.joints)
-        self.state = JointState(n)
+        n, d = len(description.joints), len(description.devices)
+        self.state, self.devices = JointState(n), DeviceState(d)
         """what was last read"""
-        self.devices = DeviceState(len(description.devices))
-        """what the nodes that are no joints measured last"""
-        self.device_command = DeviceCommand(len(description.devices))
-        """what is written to those of them that are commanded, with the next `write`"""
+        self.device_command = DeviceCommand(d)
+        """what devices are told: those of them that are `commanded`, whatever the drives do"""
+        self.protocol_version, self.firmware_version = np.full(n, np.nan), np.full(n, np.nan)
+        """what each drive says of itself once it was heard; NaN: not yet, or its family can't"""
         self.goal = Goal.INACTIVE
         self.crc_errors = 0
         """replies whose CRC was wrong, since the start"""
@@ -89,8 +122,9 @@ class Hardware:
         self._controlwords = np.zeros(n, np.uint8)
         self._drive_state = np.zeros(n, np.uint8)
         self._lost = self._silent = 0
+        self._identified, self._asked_for = False, np.zeros(n, np.int64)
         self._survey()
-        self._out = frames.empty(len(description.limbs) + len(description.channels))
+        self._out = frames.empty(protocol.frames_a_cycle)
 
     def representable_gains(
         self, stiffness: npt.NDArray[np.float64], damping: npt.NDArray[np.float64]
@@ -119,6 +153,21 @@ class Hardware:
         """Row of the first drive that does not answer; −1: all do."""
         return self._silent
 
+    def first_stranger(self) -> int:
+        """Row of the first drive that says that it speaks another version of its family's protocol; −1: none does."""
+        versions, expected = self.protocol_version, self._protocol.protocol_version
+        strange = np.flatnonzero((expected > 0) & ~np.isnan(versions) & (versions != expected))
+        return int(strange[0]) if len(strange) else -1
+
+    def expected_protocol_version(self, joint: int) -> int:
+        """The version that a joint's drive must speak; 0: its family has none."""
+        return int(self._protocol.protocol_version[joint])
+
+    @property
+    def repeated_replies(self) -> int:
+        """Replies whose sequence number did not go on, since the start: replays, and drives that are stuck."""
+        return self._protocol.repeated
+
     def read(self, wait_s: float = 0.0) -> bool:
         """Take in the replies that have arrived, once a cycle.
 
@@ -129,6 +178,7 @@ class Hardware:
         if not self._asked:
             return True
         self.state.age += 1
+        self.devices.age += 1
         good = self._receive(wait_s)
         late = self._survey()
         if wait_s > 0.0 and late:
@@ -140,6 +190,7 @@ class Hardware:
                 late = self._survey()
             if not good and not (told and self._ticks >= self._ticks_due):
                 self.state.age -= 1
+                self.devices.age -= 1
                 return False
             while late and not told and self._receive(_GATHER_S):
                 late = self._survey()
@@ -164,14 +215,18 @@ class Hardware:
         if not len(records):
             return 0
         self.bus_time_ns = int(records["time_ns"][0])
-        good, bad = self._protocol.decode_status(records, len(records), self.state)
+        good, bad = self._protocol.decode_status(records, len(records), self.state, self.devices)
         self.crc_errors += bad
+        if not self._identified:
+            self._take_identities()
         return good
 
     def _survey(self) -> int:
         """Look at every drive's age and status; drives whose reply is late but that are not lost."""
         state = self.state
         late, self._lost, self._silent = _survey(state.age, state.status, STATE_OF_STATUSWORD, self._drive_state)
+        if self._silent >= 0:  # whoever answers there later may be another drive
+            self._forget_identities()
         return late
 
     def write(self, command: JointCommand | None, cycle: int) -> None:
@@ -186,6 +241,13 @@ class Hardware:
         else:
             self._next_controlwords()
             count = self._protocol.encode_control(self._controlwords, self._sequence, out)
+        if np.count_nonzero(self.device_command.commanded):
+            due = cycle % self._protocol.every == 0
+            count += self._protocol.encode_devices(
+                self.device_command, due, self._sequence, self._watchdog, out[count:]
+            )
+        if not self._identified:
+            count += self._ask_who(out[count:])
         count += self._protocol.encode_sync(cycle, out[count:])
         self._ticks_due += 1
         self._port.send(out[:count])
@@ -198,6 +260,35 @@ class Hardware:
     def close(self) -> None:
         """Leave the buses; the drives' watchdogs do the rest."""
         self._port.close()
+
+    def _ask_who(self, out: npt.NDArray[np.void]) -> int:
+        """Ask some of the drives that are there for the versions that are not known yet; frames written."""
+        unknown = np.isnan(self.protocol_version) | np.isnan(self.firmware_version)
+        unknown &= (self._protocol.protocol_version > 0) & (self._asked_for < _PATIENCE)
+        self._identified = not unknown.any() and self._silent < 0
+        rows = np.flatnonzero(unknown & (self.state.age < LOST_AFTER))
+        count = 0
+        for row in rows[np.argsort(self._asked_for[rows], kind="stable")][:_REQUESTS_A_CYCLE].tolist():
+            known = not np.isnan(self.protocol_version[row])
+            index = Parameter.FIRMWARE_VERSION if known else Parameter.PROTOCOL_VERSION
+            self._asked_for[row] += 1
+            count += self._protocol.encode_request(row, index, None, self._sequence, out[count:])
+        return count
+
+    def _take_identities(self) -> None:
+        known = {
+            int(Parameter.PROTOCOL_VERSION): self.protocol_version,
+            int(Parameter.FIRMWARE_VERSION): self.firmware_version,
+        }
+        for reply in self._protocol.replies():
+            if reply.index in known and reply.result == ParameterResult.OK:
+                known[reply.index][reply.joint] = reply.value
+
+    def _forget_identities(self) -> None:
+        gone = self.state.age > LOST_AFTER
+        self.protocol_version[gone] = self.firmware_version[gone] = np.nan
+        self._asked_for[gone] = 0
+        self._identified = False
 
     def _next_controlwords(self) -> None:
         words, state = self._controlwords, self._drive_state

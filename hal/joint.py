@@ -26,28 +26,31 @@ class Mode(enum.IntEnum):
 
 
 class JointState:
-    """What was last measured. All arrays have shape (n,), but for `table`."""
+    """What was last measured. All arrays have shape (n,), but for `memory` and `table`, whose views they are: never rebind them."""
 
     def __init__(self, n: int):
-        self.table = np.zeros((len(MEASURED), n))
+        self.memory = np.zeros(6 * n + (n + 1) // 2, np.int64)
+        """everything below, in one piece for kernels: 4n float64, 2n int64, n uint16, 2n uint8"""
+        octets = self.memory[6 * n :].view(np.uint8)
+        self.table = self.memory[: 4 * n].view(np.float64).reshape(len(MEASURED), n)
         """the rows `MEASURED`, so that all of them can be copied at once; the four arrays below are views of them"""
         self.position, self.velocity, self.torque, self.temperature = self.table
         """rad, at the joint; rad/s; N·m, of the drive's spring; °C"""
-        self.status = np.zeros(n, np.uint16)
+        self.status = octets[: 2 * n].view(np.uint16)
         """CiA 402 statusword (hal.drives.lifecycle)"""
-        self.error = np.zeros(n, np.uint8)
-        """drive family's error code, 0: none"""
-        self.sequence = np.zeros(n, np.uint8)
-        """sequence number of the command that this answers"""
-        self.age = np.full(n, 1 << 30, np.int64)
-        """cycles since the last valid reply"""
+        self.error, self.sequence = octets[2 * n : 4 * n].reshape(2, n)
+        """drive family's error code, 0: none; sequence number of the command that this answers"""
+        self.age, self.measured_ns = self.memory[4 * n : 6 * n].reshape(2, n)
+        """cycles since the last valid reply; when it was measured, on the clock of whoever runs the bus, but for the shortest
+        time that such a reply takes on its way"""
+        self.age[:] = 1 << 30
 
     def __len__(self) -> int:
         return len(self.position)
 
 
 class JointCommand:
-    """What is about to be written. All arrays have shape (n,), but for `table`."""
+    """What is about to be written. All arrays have shape (n,), but for `table`, which kernels take whole: never rebind its rows."""
 
     def __init__(self, n: int):
         self.table = np.zeros((len(COMMANDED), n))

@@ -22,7 +22,7 @@ def main() -> None:
     from engines.planning.manipulation import ManipulationPlanner
     from hal.can.hub import Hub
     from hal.can.port import HubPort
-    from hal.drives.limb_fd import LimbProtocol
+    from hal.drives.protocol import LimbProtocol
     from hal.plant import service
     from hal.plant.bus_node import BusNode
     from hal.plant.scene import load

@@ -117,7 +117,6 @@ def survey(description: Any, port: Port, protocol: Any, *, only: Sequence[str] |
     joints = list(description.joints)
     wanted = np.array([only is None or joint in only for joint in joints])
     state, found = JointState(len(joints)), Survey()
-    state.age[:] = 1
     out = frames.empty(protocol.frames_a_cycle)
     off = np.zeros(len(joints), np.uint8)  # controlword 0: disable voltage
     cycle = heard_host = 0
@@ -161,7 +160,8 @@ def check_real_drives(description: Any, protocol: Callable[[Any], Any]) -> None:
         return
     part = copy.copy(description)
     joints = tuple(joint for limb in limbs for joint in limb.joints)
-    for name, value in (("channels", tuple(real)), ("limbs", tuple(limbs)), ("joints", joints)):
+    fields = (("channels", tuple(real)), ("limbs", tuple(limbs)), ("joints", joints), ("devices", ()))
+    for name, value in fields:
         object.__setattr__(part, name, value)  # frozen, but a copy that nobody else has
     port = real_port.CanPort(real)
     try:

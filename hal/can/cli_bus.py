@@ -171,7 +171,7 @@ def check(
     """
     from hal.can import bus_check
     from hal.can.port import open_port
-    from hal.drives.limb_fd import LimbProtocol
+    from hal.drives.protocol import LimbProtocol
     from handrail.robot import description as robots
 
     with in_words("check"):

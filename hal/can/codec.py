@@ -183,7 +183,7 @@ def put_bits(words, first, start, length, raw):
 
 
 @njit(cache=True)
-def _get_big_endian(words, first, start, length):
+def get_big_endian(words, first, start, length):
     raw, left, position = np.uint64(0), length, start
     while left > 0:
         byte = (words[first + (position >> 6)] >> np.uint64(8 * ((position >> 3) & 7))) & np.uint64(0xFF)
@@ -196,7 +196,7 @@ def _get_big_endian(words, first, start, length):
 
 
 @njit(cache=True)
-def _put_big_endian(words, first, start, length, raw):
+def put_big_endian(words, first, start, length, raw):
     left, position = length, start
     while left > 0:
         room = 8 - (position & 7)
@@ -264,7 +264,7 @@ def _encode(words, head, values, places, scales):
                     return row * values.shape[1] + s
                 bits = np.uint64(to_raw(value, scales, s)) & ((np.uint64(1) << np.uint64(length)) - np.uint64(1))
             if kind & BIG_ENDIAN:
-                _put_big_endian(words, first, start, length, bits)
+                put_big_endian(words, first, start, length, bits)
             else:
                 put_bits(words, first, start, length, bits)
     return -1
@@ -277,7 +277,7 @@ def _decode(words, out, places, scales):
         for s in range(out.shape[1]):
             start, length, kind = places[s, START], places[s, LENGTH], places[s, KIND]
             if kind & BIG_ENDIAN:
-                bits = _get_big_endian(words, first, start, length)
+                bits = get_big_endian(words, first, start, length)
             else:
                 bits = get_bits(words, first, start, length)
             if kind & FLOAT:

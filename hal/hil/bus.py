@@ -20,7 +20,7 @@ from hal.can import convert, frames
 from hal.can.control import BusReport, HubControl
 from hal.can.faults import Fault
 from hal.can.port import BusLost, HubPort
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.hil.traffic import Traffic
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime

@@ -17,7 +17,7 @@ import zmq
 
 from hal.can.hub import Hub
 from hal.drives.lifecycle import DriveError, State
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.hil import door
 from hal.hil.door import Done, Fail, Look, No, Place, Push, Seen, Transition
 from hal.plant import scene, service

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.drives.lifecycle import DriveError, State, decode_statusword
-from hal.drives.limb_fd import DriveTargets, LimbProtocol
+from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hil.names import joints_of
 from hal.joint import JointState
 from handrail.robot.description import RobotDescription

@@ -115,6 +115,8 @@ class Service:
         while not self._stopping:
             records = self.hub.poll(wait)
             syncs, holds = self._hear(records)
+            if not syncs and len(replies := self._node.replies()):
+                self.hub.transmit(replies, self._node.senders)
             if syncs or (holds and heard is not None):
                 heard, free_since, wait = time.monotonic(), None, _PATIENCE_S
                 self._advance(syncs * self._steps_a_period)

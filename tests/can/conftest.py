@@ -20,6 +20,7 @@ from hal.can import frames
 from hal.can.control import NodeState
 from hal.can.hub import Hub
 from hal.can.port import HubPort
+from handrail.robot.description import Limb
 
 
 @pytest.fixture
@@ -156,13 +157,13 @@ def make_frames() -> Callable[..., np.ndarray]:
 def robot() -> SimpleNamespace:
     """What the limb protocol needs of a description: two arms of seven joints and a limb of four, on two channels."""
     limbs = [
-        SimpleNamespace(name="right", index=0, channel="can0", joints=tuple(f"right_{i}" for i in range(7))),
-        SimpleNamespace(name="left", index=1, channel="can1", joints=tuple(f"left_{i}" for i in range(7))),
-        SimpleNamespace(name="torso", index=2, channel="can1", joints=("torso_1", "torso_2", "head_1", "head_2")),
+        Limb("right", 0, "can0", tuple(f"right_{i}" for i in range(7))),
+        Limb("left", 1, "can1", tuple(f"left_{i}" for i in range(7))),
+        Limb("torso", 2, "can1", ("torso_1", "torso_2", "head_1", "head_2")),
     ]
     channels = [
         SimpleNamespace(name=name, interface="handrail", bitrate=1_000_000, data_bitrate=5_000_000)
         for name in ("can0", "can1")
     ]
     joints = tuple(joint for limb in limbs for joint in limb.joints)
-    return SimpleNamespace(name="test_robot", joints=joints, limbs=limbs, channels=channels)
+    return SimpleNamespace(name="test_robot", joints=joints, limbs=limbs, channels=channels, devices=())

@@ -123,7 +123,7 @@ def test_errors_name_message_signal_and_expectation(tmp_path: Path) -> None:
         _LIMB_FD.layout("Sync").rows(["Speed"])
     with pytest.raises(ValueError, match=r"shape \(2, 3\).*expected \(k, 1\)"):
         _LIMB_FD.encode("Sync", np.zeros((2, 3)), frames.empty(2))
-    with pytest.raises(ValueError, match="a frame of 0 bytes; expected 16"):
+    with pytest.raises(ValueError, match="a frame of 0 bytes; expected 20"):
         _LIMB_FD.decode("DriveStatus_0_0", frames.empty(1))
     with pytest.raises(ValueError, match=r"missing\.dbc"):
         Codec.from_file(tmp_path / "missing.dbc")

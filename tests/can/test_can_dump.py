@@ -16,7 +16,8 @@ import pytest
 
 from hal.can.capture import Decoder, line
 from hal.can.port import HubPort
-from hal.drives.limb_fd import DBC, LimbProtocol
+from hal.drives import DBC_FILES
+from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState
 
 Make = Callable[..., np.ndarray]
@@ -44,10 +45,10 @@ def test_a_line_is_candumps(message: can.Message, shown: str) -> None:
 
 
 def test_a_message_is_said_in_signals_values_and_units() -> None:
-    decoder = Decoder(DBC)
+    decoder = Decoder(DBC_FILES["limb_fd"])
     sync = can.Message(arbitration_id=0x80, data=b"\x07\0\0\0", is_fd=True, is_extended_id=False)
     assert decoder.text(sync) == "Sync(Cycle: 7)"
-    status = can.Message(arbitration_id=0x203, data=b"\x40\x42\x0f\0" + bytes(12), is_fd=True, is_extended_id=False)
+    status = can.Message(arbitration_id=0x203, data=b"\x40\x42\x0f\0" + bytes(16), is_fd=True, is_extended_id=False)
     assert decoder.text(status).startswith("DriveStatus_0_3(Position: 1 rad, Velocity: 0 rad/s, Torque: 0 N*m, ")
     assert "Mode: damping" in decoder.text(status)
     short = can.Message(arbitration_id=0x203, data=b"\x40", is_fd=True, is_extended_id=False)

@@ -21,7 +21,8 @@ from hal.can.convert import to_message, to_record
 from hal.can.interface import HandrailBus
 from hal.can.port import HubPort, open_port
 from hal.can.real_port import CanPort
-from hal.drives.limb_fd import DBC, LimbProtocol
+from hal.drives import DBC_FILES
+from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState
 from handrail.runtime import Runtime
 
@@ -145,7 +146,7 @@ def test_python_cans_logger_captures_what_stock_cantools_decodes(
         got = 0
         while got < 7 * cycles and counted.get_message(2.0) is not None:
             got += 1
-    database = cantools.database.load_file(DBC)
+    database = cantools.database.load_file(DBC_FILES["limb_fd"])
     assert isinstance(database, Database)
     read = list(can.LogReader(file))
     assert len(read) == 7 * cycles  # channel can0 carries limb 0

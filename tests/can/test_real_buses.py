@@ -26,7 +26,7 @@ from hal.can.listening import ListenedBus
 from hal.can.mixed_port import MixedPort
 from hal.can.port import HubPort, open_port
 from hal.can.wire import BusLost
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState
 from handrail.runtime import Runtime
 

@@ -7,7 +7,7 @@ import pytest
 
 from hal.can import frames
 from hal.drives.lifecycle import CONTROLWORD, Command, DriveError, State, controlword_towards, decode_statusword
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState, Mode
 from hal.plant.bus_node import BusNode
 

@@ -17,7 +17,7 @@ import pytest
 from hal.can import frames
 from hal.can.port import HubPort
 from hal.drives.lifecycle import CONTROLWORD, Command, State, decode_statusword
-from hal.drives.limb_fd import LimbProtocol
+from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState
 from handrail.messages import GroundTruth
 from handrail.runtime import Runtime

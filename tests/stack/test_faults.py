@@ -187,7 +187,7 @@ def test_a_second_process_on_the_bus_sees_every_frame_and_stock_cantools_decodes
     assert dump.returncode == 0, dump.stderr
     import hal.drives
 
-    database = cantools.database.load_file(hal.drives.__path__[0] + "/limb_fd.dbc")
+    database = cantools.database.load_file(hal.drives.__path__[0] + "/limb_fd/limb_fd.dbc")
     counters: list[int] = []
     commands = answers = 0
     with can.LogReader(log) as reader:

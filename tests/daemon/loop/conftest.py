@@ -20,7 +20,7 @@ from daemon.ring import StateRingReader
 from hal.can import frames
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State
-from hal.drives.limb_fd import DriveTargets, LimbProtocol
+from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import JointCommand, JointState
 from handrail.messages import EndCondition, JointTrajectory, Motion, StartAction

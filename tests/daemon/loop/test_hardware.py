@@ -14,7 +14,7 @@ from hal.can.hub import Hub
 from hal.can.port import BusLost, HubPort
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State
-from hal.drives.limb_fd import DriveTargets, LimbProtocol
+from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import LOST_AFTER, Goal, Hardware
 from hal.joint import JointCommand, JointState
 

@@ -1,0 +1,71 @@
+"""What the signals of drives' frames can mean: the words of a family's description, and the columns of the kernels' tables."""
+
+from __future__ import annotations
+
+import enum
+
+
+class Field(enum.IntEnum):
+    """A signal's meaning; `name.lower()` is its key in family.yaml. Kernels work through a frame in this order."""
+
+    # of a joint; the first five are rows of JointCommand.table, the first three of JointState.table too
+    POSITION = 0
+    VELOCITY = 1
+    TORQUE = 2
+    STIFFNESS = 3
+    DAMPING = 4
+    TEMPERATURE = 5
+    MODE = 6
+    CONTROLWORD = 7
+    ERROR = 8
+    STATUS = 9
+    """CiA 402 statusword"""
+    STATE = 10
+    """number of the CiA 402 state, for families without a statusword"""
+    WARNING = 11
+    LIMIT = 12
+    WATCHDOG = 13
+    # of a device
+    COLUMN = 14
+    # of any frame
+    CONSTANT = 15
+    SEQUENCE = 16
+    TIME = 17
+    """µs, of the sender's clock, when it was measured"""
+    CRC = 18
+    CYCLE = 19
+    # of parameter frames: columns of a request or reply, from AXIS on
+    AXIS = 20
+    INDEX = 21
+    WRITE = 22
+    RESULT = 23
+    VALUE = 24
+
+
+class Role(enum.IntEnum):
+    """What a message is for; `name.lower()` is its key in family.yaml."""
+
+    CONTROL = 0
+    COMMAND = 1
+    STATUS = 2
+    MASTER_STATUS = 3
+    SYNC = 4
+    HOLD_TIME = 5
+    PARAMETER_REQUEST = 6
+    PARAMETER_REPLY = 7
+    DEVICE_COMMAND = 8
+    DEVICE_STATUS = 9
+
+
+START, LENGTH, KIND, FIELD, ROW, COLUMN, TABLE = range(7)
+"""Columns of a program's ops, one row a signal: where it lies (as hal.can.codec.MessageLayout.places), what it means, of which
+joint or device, which of a device's columns (or the constant), which look-up table (−1: linear)."""
+OP_COLUMNS = 7
+
+(
+    HEAD, ROLE, FIRST, END, BYTES, SEQUENCE, TIME, CRC, CRC_FROM, CRC_TO, ALGORITHM, ENTITY, CONSTANTS, PAYLOAD, LAW,
+) = range(15)  # fmt: skip
+"""Columns of a program's frames: word 1 of the record, Role, ops from FIRST to END, data length, the ops of sequence, time and CRC
+(−1: none), which bytes the CRC is over, its algorithm, the frame's (first) joint or device, whether some signals are constant,
+the first of its payloads (−1: none), whether the host realises modes (the drive knows only the impedance law)."""
+FRAME_COLUMNS = 15

@@ -62,7 +62,7 @@ class PlantProcess:
             records = self.port.receive(max(0.0, deadline - time.monotonic()))
             # The end of the cycle before may come by itself.
             assert len(records) or time.monotonic() < deadline, "drives did not answer"
-            stamp = max(stamp, int(records["time_ns"].max()))
+            stamp = max(stamp, int(records["time_ns"].max(initial=0)))
             self.protocol.decode_status(records, len(records), self.state)
         return stamp
 

@@ -101,7 +101,8 @@ class Hub:
         """records dropped for slow listeners"""
         self._inbox = np.zeros(WORDS * (_CAPACITY + wire.MAX_RECORDS + 1), np.uint64)
         self._ordered = np.zeros(WORDS * TURN_ROOM, np.uint64)
-        self._selected = np.zeros(WORDS * TURN_ROOM, np.uint64)
+        self._selected = np.zeros(WORDS * (TURN_ROOM + _CAPACITY), np.uint64)
+        self._ticks_owed = 0
         self._inbox_bytes = self._inbox.data.cast("B")
         self._selected_bytes = self._selected.data.cast("B")
         self._records = self._ordered.view(RECORD)
@@ -271,7 +272,7 @@ class Hub:
             self._arbitrate(self._order, n, self._clock())
         else:
             self._arbitrate(self._as_they_came, n, self._clock())
-        self._pass_on(n)
+        self._pass_on(n, ticks=True)
         return self._records[:n]
 
     def report(self) -> BusReport:
@@ -363,13 +364,24 @@ class Hub:
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
 
+    def owe_ticks(self, count: int) -> None:
+        """So many cycles of the plant's are over with the next `transmit`: where that can be, it carries the word along."""
+        self._ticks_owed = count
+
     def tick(self) -> None:
-        """Tell those who want to know that a cycle of the plant's is over: all that was said in it has been passed on."""
-        notice = np.zeros(1, RECORD)
-        notice["flags"], notice["time_ns"] = TICK, self._clock()
-        for node in self._nodes.values():
-            if node.ticks:
-                self._send(node, notice.view(np.uint8).data)
+        """Tell those who want to know that cycles of the plant's are over, if no `transmit` has: all that was said in them has
+        been passed on."""
+        if self._ticks_owed:
+            datagram = self._notices().tobytes()
+            for node in self._nodes.values():
+                if node.ticks:
+                    self._send(node, memoryview(datagram))
+            self._ticks_owed = 0
+
+    def _notices(self) -> npt.NDArray[np.uint64]:
+        notices = np.zeros(self._ticks_owed, RECORD)
+        notices["flags"], notices["time_ns"] = TICK, self._clock()
+        return notices.view(np.uint64)
 
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -512,7 +524,11 @@ class Hub:
         self._alarm.set(min((d for d in (until_event, until_deadline) if d is not None), default=None))
         return None
 
-    def _pass_on(self, n: int) -> None:
+    def _pass_on(self, n: int, *, ticks: bool = False) -> None:
+        """Send n carried frames to everybody else; `ticks`: and behind them, the word that the cycles owed are over."""
+        notices = self._notices() if ticks and self._ticks_owed else None
+        if notices is not None:
+            self._ticks_owed = 0
         for node in list(self._nodes.values()):
             if not node.greeted or node.control:
                 continue
@@ -523,6 +539,9 @@ class Hub:
                 every = np.arange(len(self.channels))
                 wanted[: len(every)][~self._traffic.hears(np.full(len(every), node.number), every)] = -1
             count = select_records(self._ordered, self._ordered_node, n, skip, wanted, self._selected)
+            if notices is not None and node.ticks:
+                self._selected[WORDS * count : WORDS * count + len(notices)] = notices
+                count += len(notices) // WORDS
             for start in range(0, count, wire.MAX_RECORDS):
                 stop = min(count, start + wire.MAX_RECORDS)
                 self._send(node, self._selected_bytes[BYTES * start : BYTES * stop])

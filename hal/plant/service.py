@@ -119,9 +119,9 @@ class Service:
                 self.hub.transmit(replies, self._node.senders)
             if syncs or (holds and heard is not None):
                 heard, free_since, wait = time.monotonic(), None, _PATIENCE_S
+                self.hub.owe_ticks(syncs)
                 self._advance(syncs * self._steps_a_period)
-                for _ in range(syncs):
-                    self.hub.tick()
+                self.hub.tick()
             elif heard is not None:
                 now = time.monotonic()
                 if free_since is None and now - heard >= SILENCE_S:

@@ -135,6 +135,7 @@ def _cycle(
     on.hub.poll(1.0)
     ticks = on.hub.heard
     on.now += 2_000_000
+    on.hub.owe_ticks(1)
     on.hub.transmit(make_frames(np.arange(answers) + 0x200, length=64), np.arange(answers))
     on.hub.tick()
     return len(host.receive(0.0)), ticks

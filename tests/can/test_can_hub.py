@@ -296,3 +296,19 @@ def test_the_hubs_own_nodes_compete_each_with_its_own_queue(hub: Hub, join: Join
         hub.transmit(make_frames([1]), np.array([2]))
     with pytest.raises(ValueError, match="can9"):
         hub.own_nodes(["wrist"], ["can9"])
+
+
+@pytest.mark.parametrize("answers", [0, 18, wire.MAX_RECORDS])
+def test_the_word_that_a_cycle_is_over_comes_behind_all_that_was_said_in_it(
+    hub: Hub, join: Join, make_frames: Make, answers: int
+) -> None:
+    asking, other = join(ticks=True), join()
+    hub.owe_ticks(2)
+    if answers:
+        hub.transmit(make_frames(np.full(answers, 0x200)))
+    hub.tick()
+    hub.tick()  # what was told is not told again
+    assert len(asking.receive(1.0)) == answers
+    assert asking.ticks == 2
+    assert len(other.receive(0.0)) == answers
+    assert other.ticks == 0

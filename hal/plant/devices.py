@@ -62,6 +62,8 @@ class DevicePlant:
 
     def _look_at_power(self) -> None:
         self._powered = all(battery.powered for battery in self.batteries.values())
+        for battery in self.batteries.values():
+            self._drives.bus_voltage[:] = battery.voltage if self._powered else 0.0
 
     def measure(self) -> DeviceState:
         """Measure everything, as the world stands now. Returns `state`."""

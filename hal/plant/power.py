@@ -42,6 +42,11 @@ class Battery:
         return EMPTY + (FULL - EMPTY) * self.charge
 
     @property
+    def voltage(self) -> float:
+        """V, at the load that it carries."""
+        return self.open_circuit - RESISTANCE * self.current
+
+    @property
     def powered(self) -> bool:
         """The drives have power."""
         return self.relay and self.charge > 0.0
@@ -64,5 +69,4 @@ class Battery:
 
     def measure(self, values: npt.NDArray[np.float64]) -> None:
         """Write hal.device's power columns."""
-        voltage = self.open_circuit - RESISTANCE * self.current
-        values[0:5] = voltage, self.current, self.charge, self.temperature, self.relay
+        values[0:5] = self.voltage, self.current, self.charge, self.temperature, self.relay

@@ -818,7 +818,7 @@ EngineEvent = InstanceState | PlanPreview | RunState | Prompt | PromptClosed | L
 
 @_travels(priority=5, reliable=False, superseded_by=("type",))
 class GroundTruth(Message):
-    """What really happens in the plant. Only tests, benchmarks and verdicts may read it; it never crosses the link."""
+    """What really happens in the plant. For tests, benchmarks, verdicts and simulated sensors; it never crosses the link."""
 
     time_ns: int
     joints: dict[str, float]

@@ -22,6 +22,7 @@ import signal
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -45,6 +46,7 @@ _REST = 3.0
 """times what the last pictures took that the process rests afterwards: a quarter of one core at most"""
 _LOOK_S = 0.02
 """the shortest rest"""
+_LONGEST_REST_S = 1.0
 _PATIENCE_S = 0.2
 """the longest wait, so that SIGTERM is heard"""
 # A camera's columns in the axes of its link: right, up, forwards (REP 103: body axes, or optical ones).
@@ -158,7 +160,16 @@ class Service:
                 for camera, shutter in self._cameras:
                     if shutter.opens(latest.time_ns):
                         self._sensors.send(camera.take(latest))
-            self._over.wait(max(_LOOK_S, _REST * (time.process_time() - began)))
+            self._over.wait(min(max(_LOOK_S, _REST * (time.process_time() - began)), _LONGEST_REST_S))
+
+
+def _stand_back() -> None:
+    """Everybody else first."""
+    os.nice(_NICE)
+    if os.getsid(0) == os.getpid():
+        # Where the kernel shares cores out among sessions (sched(7), autogroup), it is the session that has to be nice.
+        with contextlib.suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
 
 
 def main() -> None:
@@ -172,7 +183,7 @@ def main() -> None:
     options = parser.parse_args()
     with own_stdout() as stdout, contextlib.ExitStack() as open_things:
         try:
-            os.nice(_NICE)
+            _stand_back()
             robot = description.load(options.robot)
             if not robot.cameras:
                 raise ValueError(f"{robot.name} has no cameras; expected `cameras:` in its robot.yaml")

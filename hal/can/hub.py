@@ -39,9 +39,11 @@ from hal.can.frames import BYTES, EXTENDED, MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.node import Node
 from hal.can.timing import BusTiming, LoadMeter
 from hal.can.traffic import TURN_ROOM, Traffic
+from hal.realtime import RealTime
 from handrail.config import ConfigError
 from handrail.runtime import Runtime
 
+_PRIORITY = 60  # below plant and daemon
 _CAPACITY = 8192
 """Records that one poll takes in."""
 _TURN = 16
@@ -410,31 +412,36 @@ class Hub:
 
     def _take(self, node: Node, n: int) -> int:
         """Read a node's datagrams behind the n records that are there; returns how many there are then."""
+        start, leaves, receive = n, False, node.connection.recv_into
         for _ in range(_TURN):
             if n + wire.MAX_RECORDS > _CAPACITY:
-                return n
+                break
             try:
-                size = node.connection.recv_into(self._inbox_bytes[BYTES * n :], wire.MAX_BYTES + 1)
+                size = receive(self._inbox_bytes[BYTES * n :], wire.MAX_BYTES + 1)
             except BlockingIOError:
-                return n
+                break
             except OSError:
                 size = 0
-            if size and not node.greeted:
-                if self._greet(node, bytes(self._inbox_bytes[BYTES * n : BYTES * n + size])):
+            if size and not (node.greeted and not node.control):
+                datagram = bytes(self._inbox_bytes[BYTES * n : BYTES * n + size])
+                if node.greeted:
+                    self._serve(node, datagram)
+                    continue
+                if self._greet(node, datagram):
                     continue
                 size = 0
-            if size and node.control:
-                self._serve(node, bytes(self._inbox_bytes[BYTES * n : BYTES * n + size]))
-                continue
             if size == 0 or size > wire.MAX_BYTES or size % BYTES:
-                # It left, or speaks something else: nothing that it says can be trusted.
-                self._part(node)
-                return n
-            count = size // BYTES
-            good = admit(self._inbox, n, count, node.inbound)
-            self.refused += count - good
-            self._node[n : n + good] = node.number
-            n += good
+                # It left, or speaks something else: nothing that it says from here on can be trusted.
+                leaves = True
+                break
+            n += size // BYTES
+        if n > start:
+            good = admit(self._inbox, start, n - start, node.inbound)
+            self.refused += n - start - good
+            n = start + good
+            self._node[start:n] = node.number
+        if leaves:
+            self._part(node)
         return n
 
     def _greet(self, node: Node, datagram: bytes) -> bool:
@@ -592,6 +599,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             hub.add_fault(fault)
     except (ConfigError, OSError, ValueError) as error:
         sys.exit(str(error))
+    if options.timing:  # a bus that sleeps through a frame's end has lost the time until it wakes
+        for warning in RealTime(priority=_PRIORITY).warnings:
+            print(f"hub: {warning}", file=sys.stderr)
     print("hub ready", flush=True)
     with contextlib.closing(hub):
         while True:

@@ -30,28 +30,31 @@ class BusTiming:
 _START = 4 + 5  # level 1, run 5: never seen again, since a run of 5 is broken by its stuff bit at once
 
 
-def _stuffing_tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(next state (10, 2), next state (10, 256), stuff bits in that byte (10, 256)); a bit that completes a run of 5 also
-    sends the stuff bit."""
-    bit = np.zeros((10, 2), np.uint8)
+def _stuffing_tables() -> tuple[np.ndarray, np.ndarray]:
+    """(next state, stuff bits), each (9, 10, 256): by how many bits, state before them, and the bits; a bit that completes a
+    run of 5 also sends the stuff bit."""
+    step = np.zeros((10, 2), np.uint8)
     for state in range(10):
         level, run = divmod(state, 5)
         for value in (0, 1):
             length = run + 2 if value == level and state != _START else 1
-            bit[state, value] = 5 * value + length - 1 if length < 5 else 5 * (1 - value)
-    byte, stuffed = np.zeros((10, 256), np.uint8), np.zeros((10, 256), np.uint8)
-    for start in range(10):
-        for value in range(256):
-            state, count = start, 0
-            for position in range(7, -1, -1):
-                level = (value >> position) & 1
-                count += state == 5 * level + 3
-                state = int(bit[state, level])
-            byte[start, value], stuffed[start, value] = state, count
-    return bit, byte, stuffed
+            step[state, value] = 5 * value + length - 1 if length < 5 else 5 * (1 - value)
+    after, stuffed = np.zeros((9, 10, 256), np.uint8), np.zeros((9, 10, 256), np.uint8)
+    bits = np.arange(256)
+    for state in range(10):
+        after[0, state] = state
+    for n in range(1, 9):
+        # The first of n bits, then the n - 1 behind it.
+        first, rest = (bits >> (n - 1)) & 1, bits & ((1 << (n - 1)) - 1)
+        for state in range(10):
+            then = step[state][first]
+            after[n, state] = after[n - 1, then, rest]
+            stuffed[n, state] = (state == 5 * first + 3) + stuffed[n - 1, then, rest]
+    return after, stuffed
 
 
-_NEXT_BIT, _NEXT_BYTE, _STUFFED = _stuffing_tables()
+_AFTER, _STUFFED_IN = _stuffing_tables()
+_NEXT_BYTE, _STUFFED = _AFTER[8].copy(), _STUFFED_IN[8].copy()
 # length → DLC of CAN FD
 _DLC = np.searchsorted(np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]), np.arange(65)).astype(
     np.int64
@@ -62,12 +65,13 @@ _DLC = np.searchsorted(np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 
 def _walk(state, bits, n):
     """Stuffing over the n lowest of `bits`, highest first: (state, stuff bits)."""
     count = 0
-    for position in range(n - 1, -1, -1):
-        level = (bits >> position) & 1
-        if state == 5 * level + 3:
-            count += 1
-        state = np.int64(_NEXT_BIT[state, level])
-    return state, count
+    while n >= 8:
+        n -= 8
+        value = (bits >> n) & 0xFF
+        count += _STUFFED[state, value]
+        state = np.int64(_NEXT_BYTE[state, value])
+    value = bits & ((1 << n) - 1)
+    return np.int64(_AFTER[n, state, value]), count + _STUFFED_IN[n, state, value]
 
 
 @njit(cache=True)

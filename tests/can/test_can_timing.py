@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.can import frames
@@ -64,6 +64,7 @@ _runs = st.sampled_from([b"\x00", b"\xff", b"\x07", b"\xe0", b"\x1f", b"\xf8", b
 """Bytes that stuff much or hardly."""
 
 
+@settings(deadline=None)  # the first example may have to compile
 @given(
     extended=st.booleans(),
     can_id=st.integers(0, 0x1FFFFFFF),
@@ -79,6 +80,7 @@ def test_a_can_fd_frame_has_the_bits_that_the_standard_draws(
     assert frame_bits(_record(can_id, flags, data[:length]), 0) == _reference(can_id, flags, data[:length])
 
 
+@settings(deadline=None)  # the first example may have to compile
 @given(
     extended=st.booleans(),
     can_id=st.integers(0, 0x1FFFFFFF),

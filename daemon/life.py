@@ -54,6 +54,10 @@ class Life:
         silent = self._hardware.first_silent()
         if silent >= 0:
             return Refusal(Answer.DRIVE_FAULT, silent)
+        stranger = self._hardware.first_stranger()
+        if stranger >= 0:
+            version = float(self._hardware.protocol_version[stranger])
+            return Refusal(Answer.PROTOCOL_MISMATCH, stranger, version)
         if not self._manager.enabled:
             self._hardware.goal = Goal.OPERATIONAL
             self._enabling_for = 0
@@ -81,7 +85,9 @@ class Life:
                 self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, lost)
         elif self._enabling_for >= 0:
             self._enabling_for += 1
-            if self._hardware.operational:
+            if self._hardware.first_stranger() >= 0:  # it said so only now
+                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, self._hardware.first_stranger())
+            elif self._hardware.operational:
                 self._manager.enable()
                 self._devices.enable()
                 self._enabling_for = -1

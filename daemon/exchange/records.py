@@ -96,6 +96,8 @@ class Answer(enum.IntEnum):
     MALFORMED = 10
     DEVICE_SILENT = 11
     """the device of row `answer_joint` does not answer"""
+    PROTOCOL_MISMATCH = 12
+    """the drive of `answer_joint` speaks version `answer_value` of its protocol"""
 
 
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")

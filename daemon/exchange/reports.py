@@ -88,6 +88,13 @@ def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, st
         Answer.NO_SUCH_ACTION: ("no such action is running", "id", "", "a running action"),
         Answer.TOO_MANY: ("too many at once: end one first", "count", "", "a free slot"),
         Answer.DRIVE_FAULT: (f"the drive of {joint} does not enable", "drive", joint, "a drive without fault"),
+        Answer.PROTOCOL_MISMATCH: (
+            f"the drive of {joint} speaks another version of its protocol: update its firmware, or Handrail "
+            f"(`handrail drives info` lists what each drive says of itself)",
+            "protocol_version",
+            f"{value:g}",
+            "the version of its family (hal/drives)",
+        ),
         Answer.DEVICE_SILENT: (f"{joint} does not answer", "device", joint, "a device that answers"),
         Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
     }

@@ -29,7 +29,7 @@ class Signal(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
     """name in the DBC, with {axis} where a message carries several axes; empty: nothing travels, `constant` is what is meant"""
     log: tuple[Annotated[float, msgspec.Meta(gt=0)], Annotated[float, msgspec.Meta(gt=0)]] | None = None
     """raw 0 is 0; raw 1 to the largest are these two values, ends included, and what lies between on a logarithmic scale"""
-    values: dict[int, int | str] | None = None
+    values: dict[str, int | str] | None = None
     """raw value → the field's: a number, or a name of hal.drives.lifecycle's State; raw values that are left out mean 0"""
     constant: int | str | None = None
     """raw value that the signal always has, a frame with another is refused; may be a sum over {limb}, {axis}"""
@@ -287,11 +287,11 @@ def number(given: int | str, numbers: Mapping[str, int]) -> int:
     return total
 
 
-def table(values: Mapping[int, int | str]) -> dict[int, int]:
+def table(values: Mapping[str, int | str]) -> dict[int, int]:
     """raw → value, names of CiA 402 states as their numbers. Raises ValueError for a name that is none."""
     made = {}
     for raw, value in values.items():
         if isinstance(value, str) and value.upper() not in State.__members__:
             raise ValueError(f"{value}: expected one of {', '.join(state.name.lower() for state in State)}")
-        made[raw] = int(State[value.upper()]) if isinstance(value, str) else value
+        made[int(raw, 0)] = int(State[value.upper()]) if isinstance(value, str) else value
     return made

@@ -205,7 +205,7 @@ def _log_table(low: float, high: float, bits: int) -> np.ndarray:
     return row
 
 
-def _value_table(given: dict[int, int | str]) -> np.ndarray:
+def _value_table(given: dict[str, int | str]) -> np.ndarray:
     """A row of look-up tables: raw → value as given, the rest 0; of several raws of one value the first is what is sent."""
     row = np.zeros(2 * TABLE_SIZE + 3)
     for raw, value in reversed(table(given).items()):

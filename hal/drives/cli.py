@@ -1,0 +1,151 @@
+"""`handrail drives ...`: drive families and their references, and the parameters of a robot's drives."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hal.drives import docs as references
+from hal.drives import family as families
+from hal.drives.lifecycle import DriveError
+from hal.drives.parameters import DICTIONARY, Parameter, find
+from handrail.config import ConfigError
+
+app = typer.Typer(help="Drive families and drives.", no_args_is_help=True, add_completion=False)
+
+_ROBOT = typer.Option("--robot", help="The robot's name or folder.")
+_RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's")
+_INFO = (
+    Parameter.PROTOCOL_VERSION, Parameter.FIRMWARE_VERSION, Parameter.SERIAL, Parameter.BUS_VOLTAGE,
+    Parameter.MOTOR_TEMPERATURE, Parameter.MOTOR_CURRENT,
+)  # fmt: skip
+
+
+@app.callback()
+def _group() -> None:
+    """Look at drive families, and at the drives of a robot that is up."""
+
+
+@app.command("list")
+def list_families() -> None:
+    """All drive families there are, a user's own (in the workspace's folder `drives`) first."""
+    table = Table("family", "serves", "what", "messages", "from")
+    for name in sorted(families.folders()):
+        try:
+            made = families.load(name)
+        except ConfigError as error:
+            table.add_row(name, "", f"[red]{error}[/]", "", str(families.folders()[name]))
+        else:
+            roles = ", ".join(role.name.lower() for role in sorted(made.messages))
+            table.add_row(name, made.serves, made.title, roles, str(made.folder))
+    Console().print(table)
+
+
+@app.command()
+def docs(
+    family: Annotated[str, typer.Argument(help="A family, as `handrail drives list` names them.")],
+    write: Annotated[bool, typer.Option("--write", help="Into docs/reference of this repository.")] = False,
+) -> None:
+    """The reference of a family as Markdown: every message, signal and meaning."""
+    try:
+        text = references.reference(families.load(family))
+    except ConfigError as error:
+        sys.exit(f"handrail drives docs: {error}")
+    if write:
+        file = references.reference_file(family)
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+        print(file)
+    else:
+        sys.stdout.write(text)
+
+
+@app.command()
+def get(
+    joint: Annotated[str, typer.Argument(help="A joint.")],
+    parameter: Annotated[str, typer.Argument(help="A parameter's name or index.")],
+    robot: Annotated[str, _ROBOT] = "talos_upper",
+    runtime: Annotated[Path | None, _RUNTIME] = None,
+) -> None:
+    """Read one parameter of one drive. Exit status 1: refused, or no answer."""
+    with _client("get", robot, runtime, joint) as (client, row, _):
+        index = find(parameter)
+        print(f"{client.read(row, index):g} {DICTIONARY[index].unit}".rstrip())
+
+
+@app.command("set")
+def set_value(
+    joint: Annotated[str, typer.Argument(help="A joint.")],
+    parameter: Annotated[str, typer.Argument(help="A parameter's name or index.")],
+    value: Annotated[float, typer.Argument(help="In the parameter's unit.")],
+    robot: Annotated[str, _ROBOT] = "talos_upper",
+    runtime: Annotated[Path | None, _RUNTIME] = None,
+) -> None:
+    """Write one parameter of one drive, until it loses power; prints what the drive made of it. Exit status 1: refused."""
+    with _client("set", robot, runtime, joint) as (client, row, _):
+        index = find(parameter)
+        if index is Parameter.INJECT_ERROR:
+            DriveError(int(value))
+        print(f"{client.write(row, index, value):g} {DICTIONARY[index].unit}".rstrip())
+
+
+@app.command()
+def info(
+    robot: Annotated[str, _ROBOT] = "talos_upper",
+    runtime: Annotated[Path | None, _RUNTIME] = None,
+) -> None:
+    """What every drive says of itself. Exit status 1: one does not answer, or speaks another version of its protocol."""
+    table, wrong = Table("joint", "family", *(p.name.lower().replace("_", " ") for p in _INFO)), []
+    with _client("info", robot, runtime, None) as (client, _, protocol):
+        from hal.drives.parameter_client import ParameterError
+
+        for row, joint in enumerate(protocol.joints):
+            expected = int(protocol.protocol_version[row])
+            if not expected:
+                table.add_row(joint, protocol.program.joint_family[row], *["–"] * len(_INFO))
+                continue
+            try:
+                values = [client.read(row, parameter) for parameter in _INFO]
+            except ParameterError as error:
+                wrong.append(str(error))
+                continue
+            if values[0] != expected:
+                wrong.append(f"{joint}: protocol version {values[0]:g}; expected {expected}")
+            units = [DICTIONARY[parameter].unit for parameter in _INFO]
+            shown = [f"{value:g} {unit}".rstrip() for value, unit in zip(values, units, strict=True)]
+            table.add_row(joint, protocol.program.joint_family[row], *shown)
+    Console().print(table)
+    if wrong:
+        sys.exit("\n".join(f"handrail drives info: {line}" for line in wrong))
+
+
+@contextlib.contextmanager
+def _client(verb: str, robot: str, runtime: Path | None, joint: str | None) -> Iterator[tuple]:
+    """(ParameterClient, row of the joint, protocol) on the buses of a robot that is up."""
+    from hal.can.port import BusLost, open_port
+    from hal.drives.parameter_client import ParameterClient
+    from hal.drives.protocol import LimbProtocol
+    from handrail.robot import description as robots
+    from handrail.runtime import Runtime
+
+    try:
+        description = robots.load(robot)
+        if joint is not None and joint not in description.joints:
+            raise ValueError(f"joint {joint}: not on this robot; expected one of {', '.join(description.joints)}")
+        protocol = LimbProtocol(description)
+        port = open_port(description, Runtime.at(runtime), timeout_s=1.0, name=f"drives {verb}")
+        with contextlib.closing(port):
+            yield ParameterClient(port, protocol), description.index(joint) if joint else -1, protocol
+    except (BusLost, ValueError) as error:
+        sys.exit(f"handrail drives {verb}: {error}")
+
+
+if __name__ == "__main__":
+    app()

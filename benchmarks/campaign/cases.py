@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from hal.can.faults import Fault
+from hal.hil.plant_process import SILENCE_S
 from handrail.robot.description import RobotDescription
 
 LENGTH_S = 3.8
@@ -49,7 +50,10 @@ def draw(number: int, seed: int, description: RobotDescription) -> Case:
         error = str(random.choice(DRIVE_ERRORS))
         return Case(number=number, kind=kind, at=at, joint=joint, error=error, words=f"{joint}: {error}")
     if kind in PROCESS_KINDS:
-        frozen = round(float(random.uniform(0.02, 1.2)), 3) if kind == "loop_frozen" else 0.0
+        # Less than the plant's patience, then it is a hiccup; or more, then the drives are on their own.
+        hiccup = random.random() < 0.5
+        span = (0.02, 0.5) if hiccup else (SILENCE_S + 0.5, SILENCE_S + 1.5)
+        frozen = round(float(random.uniform(*span)), 3) if kind == "loop_frozen" else 0.0
         return Case(number=number, kind=kind, at=at, frozen_s=frozen, words=f"{frozen:g} s" if frozen else "")
     fields = _bus_fault(kind, joint, random, description)
     fault = msgspec.convert({"kind": kind, "after": at, "seed": number, **fields}, Fault)

@@ -71,6 +71,11 @@ class Rig:
         ]
 
     @property
+    def started(self) -> bool:
+        """The plant was asked for."""
+        return self._process is not None
+
+    @property
     def plant_process(self) -> Process:
         """The plant, started when it is first asked for."""
         if self._process is None:

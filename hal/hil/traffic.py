@@ -32,6 +32,10 @@ Records = npt.NDArray[np.void]
 Times = npt.NDArray[np.int64]
 
 
+_NEVER_HEARD = 1 << 40
+"""cycles: of a drive that was never heard every answer is new; here all of them are looked at, repeated ones too"""
+
+
 class _Role(NamedTuple):
     """What an identifier on a channel is for."""
 
@@ -69,7 +73,7 @@ class Traffic:
                     return _Role(kind, frozenset(np.flatnonzero(mask).tolist()))
             if targets.syncs:
                 return _Role("sync", frozenset())
-            state.age[:] = 1
+            state.age[:] = _NEVER_HEARD
             if self._protocol.decode_status(record, 1, state)[0]:
                 return _Role("reply", frozenset(np.flatnonzero(state.age == 0).tolist()))
         return _OTHER
@@ -104,6 +108,7 @@ class Traffic:
         found = []
         for index in self._rows("reply", joint):
             record = self.records[index : index + 1].copy()
+            state.age[row] = _NEVER_HEARD
             if self._protocol.decode_status(record, 1, state)[0]:
                 found.append(
                     (

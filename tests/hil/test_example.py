@@ -25,7 +25,7 @@ def test_that_is_marked_wrongly(plant):
 """
 
 
-@pytest.mark.timeout(200)
+@pytest.mark.timeout(300)
 def test_the_example_passes_and_a_failing_test_leaves_captures_and_a_recording(tmp_path):
     (tmp_path / "test_failing.py").write_text(FAILING)
     done = subprocess.run(
@@ -35,7 +35,7 @@ def test_the_example_passes_and_a_failing_test_leaves_captures_and_a_recording(t
         ],
         capture_output=True,
         text=True,
-        timeout=190,
+        timeout=290,
         check=False,
     )
     assert "2 passed" in done.stdout, done.stdout

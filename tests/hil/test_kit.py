@@ -6,7 +6,7 @@ import pytest
 from handrail import messages as m
 from handrail.topics import RefusedError
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(300)  # the first test compiles, where nothing is compiled yet
 
 
 def test_a_motion_is_seen_on_the_bus_in_the_plant_and_by_the_daemon_alike(robot):
@@ -73,3 +73,27 @@ def test_a_daemon_alone_moves_nothing_and_holds_time_where_it_is_told(daemon, pl
     assert set(window.seen.states) == {"switch_on_disabled"}
     assert all(window.seen.braked)
     plant.assert_still(tolerance=1e-4, seconds=0.2)
+
+
+def test_a_robot_whose_host_is_cut_off_stops_by_itself_and_stays_when_the_cable_is_back(robot):
+    action = robot.begin("arm_left_2_joint", 0.3, 2.0)
+    robot.plant.wait(0.5)
+    cut_ns = robot.plant.time_ns
+    with robot.bus.cut("daemon"):
+        robot.plant.wait_state("*", "quick_stop_active")
+        robot.plant.assert_quick_stops(
+            "*", since_ns=cut_ns, within_cycles=30
+        )  # the cut came some cycles after the look
+        assert robot.daemon.wait_end(action).outcome == "drive_fault"
+        robot.plant.wait(0.3)
+    robot.plant.assert_still()
+    assert not robot.daemon.call(m.GetStatus()).enabled
+    robot.enable()
+    robot.plant.assert_still()
+
+
+def test_a_drive_that_answers_the_same_for_ever_is_not_believed(robot):
+    with robot.bus.fault("stuck", node="arm_right_4_joint"):
+        status = robot.daemon.wait_status(lambda status: not status.enabled, "the stuck drive is found out")
+    assert not status.enabled
+    robot.plant.wait_state("*", "quick_stop_active")

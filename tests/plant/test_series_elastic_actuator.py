@@ -7,8 +7,11 @@ import itertools
 
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from benchmarks import sea
+from benchmarks.cli import bench
 from hal.joint import Mode
 from hal.plant.actuator import Actuators
 from hal.plant.actuator_kernels import APPROACH_RATE
@@ -33,6 +36,15 @@ def test_the_firmware_reproduces_the_papers_figures(tmp_path):
     resonance = table["open_db"].argmax()
     assert 7 <= table["frequency_hz"][resonance] <= 9
     assert table["closed_db"][resonance] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_benchmark_that_draws_nothing_refuses_a_folder_for_pictures(tmp_path):
+    cli = typer.Typer()
+    cli.command()(bench)
+    result = CliRunner().invoke(cli, ["can_codec", "--out", str(tmp_path / "pictures")])
+    assert result.exit_code == 2
+    assert "can_codec draws no pictures" in " ".join(result.output.split())
+    assert not (tmp_path / "pictures").exists()
 
 
 def _settled(actuators: Actuators, position: np.ndarray) -> np.ndarray:

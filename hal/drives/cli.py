@@ -35,17 +35,20 @@ def _group() -> None:
 
 @app.command("list")
 def list_families() -> None:
-    """All drive families there are, a user's own (in the workspace's folder `drives`) first."""
-    table = Table("family", "serves", "what", "messages", "from")
+    """All drive families there are, a user's own (in the workspace's folder `drives`) first. Exit status 1: one can't be read."""
+    table, wrong = Table("family", "serves", "what", "messages", "from"), []
     for name in sorted(families.folders()):
         try:
             made = families.load(name)
         except ConfigError as error:
-            table.add_row(name, "", f"[red]{error}[/]", "", str(families.folders()[name]))
+            table.add_row(name, "", "[red]can't be read[/]", "", str(families.folders()[name]))
+            wrong.append(f"handrail drives list: {error}")
         else:
             roles = ", ".join(role.name.lower() for role in sorted(made.messages))
             table.add_row(name, made.serves, made.title, roles, str(made.folder))
     Console().print(table)
+    if wrong:
+        sys.exit("\n".join(wrong))
 
 
 @app.command()

@@ -442,6 +442,12 @@ def _cameras(document: config.Document, given: Sequence[Camera], tree: ET.Elemen
     for number, camera in enumerate(given):
         if camera.link not in links:
             raise document.error(f"cameras[{number}].link", f"no link {camera.link!r} in the URDF")
+        if camera.name in {other.name for other in given[:number]}:
+            raise document.error(f"cameras[{number}].name", f"got {camera.name!r} twice; expected a name of its own")
+        if camera.near >= camera.far:
+            raise document.error(
+                f"cameras[{number}].near", f"got {camera.near:g} m; expected less than far, {camera.far:g}"
+            )
     return tuple(given)
 
 

@@ -83,6 +83,14 @@ def test_the_mass_matrix_is_symmetric_positive_definite(talos):
         ("tool: tool_right}", "tool: hammer}", "arms.right.tool", "tool_right"),
         ('fix: ["leg_*_joint"]', 'fix: ["tail_*"]', "model", "tail_"),
         ("head_1_joint: 60", "horn_1_joint: 60", "control.stiffness.horn_1_joint", "matches no joint"),
+        ("link: rgbd_depth_optical_frame", "link: third_eye", "cameras[0].link", "third_eye"),
+        ("optical: true}", "optical: true, near: 4}", "cameras[0].near", "less than far, 4"),
+        (
+            "{name: head, link: rgbd",
+            "{name: head, link: rgbd_link}\n  - {name: head, link: rgbd",
+            "cameras[1].name",
+            "twice",
+        ),
         ("talos_full_v2.urdf", "talos_full_v9.urdf", "model", "talos_full_v9"),
     ],
 )

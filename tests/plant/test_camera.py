@@ -146,7 +146,7 @@ def test_sees_the_floor_that_the_robot_stands_on_and_moves_with_its_base(look, r
     standing = dataclasses.replace(robot, floor=-0.5)
     for base in (Pose(), lifted):
         points = look(scene.EMPTY, of=standing, base_in_world=base)
-        assert len(points) > 10_000
+        assert 1000 < len(points) < 15_000, "thinned out with distance"
         assert np.abs(points[:, 2] + 0.5).max() < 0.005
         ahead = points[:, 0].min() if base is lifted else (nearest := points[:, 0].min())
     assert ahead > nearest + 0.25, "higher and further forward, it sees further away"
@@ -188,7 +188,7 @@ def test_as_a_process_it_looks_when_it_is_time_behind_everybody_else(runtime, ro
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == "camera ready\n"
-        assert os.getpriority(os.PRIO_PROCESS, process.pid) == 10
+        assert os.getpriority(os.PRIO_PROCESS, process.pid) == 5
         seen: list[PointCloud] = []
         ms, deadline = 0, time.monotonic() + 20
         while len(seen) < 3:

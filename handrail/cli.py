@@ -26,8 +26,11 @@ _VERBS = {
     "demo": "Turn a valve with the whole stack and judge it by the plant's ground truth.",
     "tablet": "Open the operator's window.",
     "can": "The CAN bus: look at it, record, replay, disturb, bridge.",
+    "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
+    "robot": "Robots: list them, check one's model against plant and network.",
     "program": "Check or run a program of the library.",
     "bench": "Run a benchmark against its peers.",
+    "campaign": "Lay faults on a moving robot, hundreds of times, and judge what the plant did.",
 }
 
 
@@ -37,7 +40,8 @@ def main() -> None:
     arguments = sys.argv[1:]
     app = typer.Typer(help=_HELP, no_args_is_help=True, rich_markup_mode="markdown", add_completion=False)
     asked = next((word for word in arguments if not word.startswith("-")), None)
-    for name, short in _VERBS.items():
+    others = {name: "" for name in sorted(verbs) if name not in _VERBS}  # another package's verbs
+    for name, short in (_VERBS | others).items():
         point = verbs.get(name)
         if point is None:
             continue

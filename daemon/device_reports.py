@@ -22,6 +22,7 @@ from handrail.robot.description import Device, RobotDescription
 _SILENT_CYCLES = 250
 """without a frame, after which a device counts as silent: five times the longest period (power: 50 cycles)"""
 _LOW_CHARGE = 0.15
+_OWN_MESSAGES = {"imu", "force_torque", "gripper", "power"}
 
 
 def device_states(
@@ -90,6 +91,20 @@ def device_statuses(snapshot: np.ndarray | None, description: RobotDescription) 
         DeviceStatus(name=device.name, family=device.family, problem=_problem(device, values, age))
         for device, values, age in _rows(snapshot, description)
     ]
+
+
+def other_columns(description: RobotDescription) -> dict[str, tuple[str, ...]]:
+    """Family → names of its measured columns, of the robot's families that have no message of their own.
+
+    Raises config.ConfigError for a family that there is not.
+    """
+    others = {device.family for device in description.devices} - _OWN_MESSAGES
+    if not others:
+        return {}
+    from hal.drives import family  # with its DBC reader and compiled kernels: most robots' servers do without
+    from hal.drives.fields import Role
+
+    return {name: family.load(name).columns(Role.DEVICE_STATUS) for name in others}
 
 
 def _problem(device: Device, values: Sequence[float], age: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -45,8 +45,14 @@ _TIMING_WINDOW = 2500
 class Reporter:
     """Follows the loop through its snapshots."""
 
-    def __init__(self, description: RobotDescription, clock: Literal["wall", "lockstep"], journal: Journal):
-        """`journal`: the actions that were given to the loop."""
+    def __init__(
+        self,
+        description: RobotDescription,
+        clock: Literal["wall", "lockstep"],
+        journal: Journal,
+        columns: Mapping[str, Sequence[str]] | None = None,
+    ):
+        """`journal`: the actions that were given to the loop; `columns`: see daemon.device_reports.other_columns."""
         self._description, self._clock, self._journal = description, clock, journal
         self.snapshot: np.ndarray | None = None
         """the newest, shape (); None while no loop has published one"""
@@ -57,7 +63,7 @@ class Reporter:
         self._timed = 0
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
         self._signature: object = None
-        self._columns: dict[str, tuple[str, ...]] = {}
+        self._columns = columns or {}
 
     def follow(self, snapshots: np.ndarray) -> Iterator[RobotState | DeviceStates | ActionEvent]:
         """What new snapshots (k,), oldest first, have to tell. Each is told once; call with what a ring's `read` gives."""

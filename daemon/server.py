@@ -8,6 +8,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,6 +19,7 @@ import zmq
 
 from daemon import exchange
 from daemon.bus_watch import BusWatch
+from daemon.device_reports import other_columns
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange import Kind
 from daemon.health import read_health
@@ -52,8 +54,10 @@ class Server:
         runtime: Runtime,
         clock: Literal["wall", "lockstep"],
         *,
+        columns: Mapping[str, Sequence[str]] | None = None,
         context: zmq.Context | None = None,
     ):
+        """`columns`: of devices whose family has no message of its own (daemon.device_reports.other_columns)."""
         self._description, self._runtime, self._clock = description, runtime, clock
         frames = exchange.frame_names(description)
         self._frames = {frame: index for index, frame in enumerate(frames)}
@@ -62,7 +66,7 @@ class Server:
         self._ring = StateRingReader(runtime.state_ring, snapshot)
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
-        self._reporter = Reporter(description, clock, self._journal)
+        self._reporter = Reporter(description, clock, self._journal, columns)
         self._owners = Owners()
         # Counts on across restarts of this server: the loop must never see a serial twice.
         self._serial = time.monotonic_ns()
@@ -293,6 +297,7 @@ def main(
         raise typer.BadParameter(f"got {clock!r}; expected wall or lockstep", param_hint="--clock")
     try:
         description, place = robots.load(robot), Runtime.at(runtime)
+        columns = other_columns(description)
     except ValueError as error:
         typer.echo(f"daemon.server: {error}", err=True)
         raise typer.Exit(2) from error
@@ -304,7 +309,7 @@ def main(
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
-    server = Server(description, place, "lockstep" if clock == "lockstep" else "wall")
+    server = Server(description, place, "lockstep" if clock == "lockstep" else "wall", columns=columns)
     try:
         server.take_over()
         print("server ready", flush=True)

@@ -135,7 +135,8 @@ class Rig:
 
     def start_server(self) -> None:
         self._server_context = zmq.Context()
-        self.server = Server(self.description, self.runtime, self.clock, context=self._server_context)
+        columns = {"odd": ("oddness",)}
+        self.server = Server(self.description, self.runtime, self.clock, columns=columns, context=self._server_context)
         self.server.take_over()
         self._ending = False
         self._thread = threading.Thread(target=self._serve)
@@ -652,7 +653,9 @@ def test_device_states_go_out_at_25_hz_of_the_robots_time(hand_rig: Rig) -> None
     assert last.powers[0].voltage == 54.0
     assert last.powers[0].relay
     assert last.powers[0].age == 40
-    assert [(other.name, other.family) for other in last.others] == [("oddity", "odd")]
+    assert last.others == [
+        m.DeviceValues(name="oddity", age=0, family="odd", columns=["oddness"], values=[7.0]),
+    ]
 
 
 def test_a_robot_without_devices_tells_of_none(talos: RobotDescription) -> None:

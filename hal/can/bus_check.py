@@ -10,7 +10,7 @@ import copy
 import json
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,14 +18,18 @@ import numpy as np
 
 from hal.can import frames, real_port
 from hal.can.port import Port
+from hal.device import DeviceState
+from hal.drives.parameters import Parameter, ParameterResult
 from hal.joint import JointState
 
 _FD_MTU = 72
 """bytes, of a network interface that carries CAN FD (linux/can.h, CANFD_MTU)"""
 _LISTEN_S = 0.3
 """first only listen: somebody may be talking to the drives already"""
-_ASK_S = 0.5
-_ASK_PERIOD_S = 0.01
+_ASK_S = 0.8
+"""devices send every so many Syncs only"""
+_VERSIONS_S = 0.5
+_REQUESTS_AT_ONCE = 4
 
 
 def check_channels(channels: Sequence[Any], *, ip: Callable[[str], str] | None = None) -> None:
@@ -98,56 +102,93 @@ class Survey:
     """Who was heard on a robot's network."""
 
     answered: list[str] = field(default_factory=list)
-    """joints whose drive was heard"""
+    """joints whose drive was heard, and devices"""
     missing: list[str] = field(default_factory=list)
-    """joints whose drive was not"""
+    """joints whose drive was not, and devices"""
     asked: bool = False
     """the drives were polled; False: somebody else did already, this only listened"""
     crc_errors: int = 0
+    strangers: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """joint → (protocol version that its drive says, the one that its family has here), where they differ"""
     error_frames: dict[str, int] = field(default_factory=dict)
     """real channel → error frames that its controller reported, where there were any"""
 
 
-def survey(description: Any, port: Port, protocol: Any, *, only: Sequence[str] | None = None) -> Survey:
-    """Find out which drives answer. `protocol`: the robot's frames; `only`: joints to look for (default: all).
+class _Surveyor:
+    """The survey's conversation with the drives."""
+
+    def __init__(self, description: Any, port: Port, protocol: Any):
+        n = len(description.joints)
+        self.state, self.devices = JointState(n), DeviceState(len(description.devices))
+        self.state.age[:], self.devices.age[:] = 1, 1
+        self.host_heard = False
+        self.crc_errors = 0
+        self.versions = np.full(n, np.nan)
+        self._port, self._protocol, self._cycle = port, protocol, 0
+        self._period_s = description.period_ns * 1e-9
+        self._out = frames.empty(protocol.frames_a_cycle)
+        self._off = np.zeros(n, np.uint8)  # controlword 0: disable voltage
+
+    @property
+    def complete(self) -> bool:
+        """Everybody was heard."""
+        return not ((self.state.age > 0).any() or (self.devices.age > 0).any())
+
+    def listen(self, for_s: float, done: Callable[[], bool]) -> None:
+        """Take in what comes, until `done` or so long."""
+        until = time.monotonic() + for_s
+        while not done() and (left := until - time.monotonic()) > 0.0:
+            records = self._port.receive(left)
+            of_host = np.isin(records["can_id"], (_SYNC, _HOLD_TIME)) & (records["flags"] & frames.EXTENDED == 0)
+            self.host_heard |= bool(np.count_nonzero(of_host))
+            self.crc_errors += self._protocol.decode_status(records, len(records), self.state, self.devices)[1]
+            for reply in self._protocol.replies():
+                if reply.index == Parameter.PROTOCOL_VERSION and reply.result == ParameterResult.OK:
+                    self.versions[reply.joint] = reply.value
+
+    def ask(self, for_s: float, done: Callable[[], bool], *, versions_of: Sequence[int] = ()) -> None:
+        """Poll the drives once a host's period, with controlwords that leave them off, until `done` or so long."""
+        until = time.monotonic() + for_s
+        while not done() and time.monotonic() < until:
+            self._cycle += 1
+            out, sequence = self._out, self._cycle & 0xFF
+            count = self._protocol.encode_control(self._off, sequence, out)
+            unknown = [row for row in versions_of if np.isnan(self.versions[row])]
+            turn = self._cycle * _REQUESTS_AT_ONCE % max(1, len(unknown))
+            for row in (unknown[turn:] + unknown[:turn])[:_REQUESTS_AT_ONCE]:
+                count += self._protocol.encode_request(row, Parameter.PROTOCOL_VERSION, None, sequence, out[count:])
+            count += self._protocol.encode_sync(self._cycle, out[count:])
+            self._port.send(out[:count])
+            self.listen(self._period_s, done)
+
+
+def survey(description: Any, port: Port, protocol: Any) -> Survey:
+    """Find out which drives and devices answer, and of which protocol version. `protocol`: the robot's frames.
 
     Listens first. Where no host is on the bus it polls the drives with controlwords that keep them switched off, closing with
     Sync as a host does. Raises BusLost.
     """
-    joints = list(description.joints)
-    wanted = np.array([only is None or joint in only for joint in joints])
-    state, found = JointState(len(joints)), Survey()
-    out = frames.empty(protocol.frames_a_cycle)
-    off = np.zeros(len(joints), np.uint8)  # controlword 0: disable voltage
-    cycle = heard_host = 0
-
-    def listen(for_s: float) -> None:
-        nonlocal heard_host
-        until = time.monotonic() + for_s
-        while (left := until - time.monotonic()) > 0.0 and (state.age[wanted] > 0).any():
-            records = port.receive(left)
-            heard_host += int(np.count_nonzero(records["can_id"] == _SYNC))
-            found.crc_errors += protocol.decode_status(records, len(records), state)[1]
-
-    listen(_LISTEN_S)
-    if not heard_host:
+    who, found = _Surveyor(description, port, protocol), Survey()
+    who.listen(_LISTEN_S, lambda: who.complete)
+    expected = protocol.protocol_version
+    if not who.host_heard:
         found.asked = True
-        until = time.monotonic() + _ASK_S
-        while (state.age[wanted] > 0).any() and time.monotonic() < until:
-            cycle += 1
-            count = protocol.encode_control(off, cycle & 0xFF, out)
-            count += protocol.encode_sync(cycle, out[count:])
-            port.send(out[:count])
-            listen(_ASK_PERIOD_S)
-    heard = state.age == 0
-    found.answered = [joint for joint, yes in zip(joints, heard, strict=True) if yes]
-    found.missing = [joint for joint, yes, asked in zip(joints, heard, wanted, strict=True) if asked and not yes]
+        who.ask(_ASK_S, lambda: who.complete)
+        rows = np.flatnonzero((expected > 0) & (who.state.age == 0)).tolist()
+        who.ask(_VERSIONS_S, lambda: not np.isnan(who.versions[rows]).any(), versions_of=rows)
+    names = [*description.joints, *(device.name for device in description.devices)]
+    heard = [*(who.state.age == 0), *(who.devices.age == 0)]
+    found.answered = [name for name, yes in zip(names, heard, strict=True) if yes]
+    found.missing = [name for name, yes in zip(names, heard, strict=True) if not yes]
+    found.crc_errors = who.crc_errors
+    for row in np.flatnonzero(~np.isnan(who.versions) & (who.versions != expected)).tolist():
+        found.strangers[description.joints[row]] = (int(who.versions[row]), int(expected[row]))
     errors = getattr(port, "error_frames", ())
     found.error_frames = {c.name: int(n) for c, n in zip(description.channels, errors, strict=False) if n}
     return found
 
 
-_SYNC = 0x080
+_SYNC, _HOLD_TIME = 0x080, 0x081
 
 
 def check_real_drives(description: Any, protocol: Callable[[Any], Any]) -> None:
@@ -156,12 +197,12 @@ def check_real_drives(description: Any, protocol: Callable[[Any], Any]) -> None:
     """
     real = [channel for channel in description.channels if channel.interface != "handrail"]
     limbs = [limb for limb in description.limbs if limb.channel in {channel.name for channel in real}]
-    if not limbs:
+    if not real:
         return
     part = copy.copy(description)
     joints = tuple(joint for limb in limbs for joint in limb.joints)
-    fields = (("channels", tuple(real)), ("limbs", tuple(limbs)), ("joints", joints), ("devices", ()))
-    for name, value in fields:
+    devices = tuple(device for device in description.devices if device.channel in {channel.name for channel in real})
+    for name, value in (("channels", tuple(real)), ("limbs", tuple(limbs)), ("joints", joints), ("devices", devices)):
         object.__setattr__(part, name, value)  # frozen, but a copy that nobody else has
     port = real_port.CanPort(real)
     try:
@@ -172,28 +213,42 @@ def check_real_drives(description: Any, protocol: Callable[[Any], Any]) -> None:
         raise ValueError(said)
 
 
-def refusal(description: Any, found: Survey) -> str:
-    """What is wrong by a survey and what to do about it; "" when nothing is."""
+def refusal(description: Any, found: Survey, states: Mapping[tuple[str, str], str] | None = None) -> str:
+    """What is wrong by a survey and what to do about it; "" when nothing is.
+
+    `states`: of nodes of the virtual bus, (name, channel) → state, where somebody asked the hub.
+    """
     lines = []
-    for limb in description.limbs:
-        channel = next(c for c in description.channels if c.name == limb.channel)
-        missing = [joint for joint in limb.joints if joint in found.missing]
+    segments = [(f"limb {limb.name}", limb.channel, list(limb.joints), "drives") for limb in description.limbs]
+    segments += [
+        (f"{device.family} device", device.channel, [device.name], "devices") for device in description.devices
+    ]
+    for what, on, members, kind in segments:
+        channel = next(c for c in description.channels if c.name == on)
+        missing = [name for name in members if name in found.missing]
         if not missing:
             continue
-        who = f"all {len(missing)} drives" if len(missing) == len(limb.joints) else ", ".join(missing)
-        where = f"limb {limb.name} on channel {limb.channel} ({channel.interface})"
-        if count := found.error_frames.get(limb.channel):
+        who = f"all {len(missing)} {kind}" if len(missing) == len(members) > 1 else ", ".join(missing)
+        off = {(states or {}).get((name, on), "") for name in missing} - {"", "error_active"}
+        if count := found.error_frames.get(on):
             todo = (
                 f"the controller reports {count} error frames: a wrong bit rate somewhere (the robot says {channel.bitrate} and "
                 f"{channel.data_bitrate} bit/s), a broken cable or a missing termination"
             )
+        elif off:
+            todo = (
+                f"{' and '.join(sorted(off)).replace('_', ' ')} on the virtual bus; `handrail can fault list` shows why"
+            )
         elif channel.interface == "handrail":
             todo = "is its process (plant, or firmware of your own) on the bus? `handrail can stats` lists the nodes"
         else:
-            todo = (
-                "are they powered, on this channel, and numbered as network.limbs in the robot's robot.yaml has them?"
-            )
-        lines.append(f"no answer from {who} of {where}: {todo}")
+            todo = "are they powered, on this channel, and numbered as `network` in the robot's robot.yaml has them?"
+        lines.append(f"no answer from {who} of {what} on channel {on} ({channel.interface}): {todo}")
+    for joint, (theirs, ours) in found.strangers.items():
+        lines.append(
+            f"the drive of {joint} speaks protocol version {theirs}, its family here {ours}: bring the drive's firmware up to "
+            f"date, or use the Handrail that it was made for"
+        )
     if found.crc_errors:
         lines.append(
             f"{found.crc_errors} answers had a wrong CRC: drives of another protocol version, or two drives with one number"

@@ -177,24 +177,33 @@ def check(
     with in_words("check"):
         description = robots.load(robot)
         bus_check.check_channels(description.channels)
-        protocol = LimbProtocol(description)
-        port = open_port(description, Runtime.at(runtime, make=False), timeout_s=1.0, name=f"can-check-{os.getpid()}")
+        protocol, place = LimbProtocol(description), Runtime.at(runtime, make=False)
+        port = open_port(description, place, timeout_s=1.0, name=f"can-check-{os.getpid()}")
         try:
             found = bus_check.survey(description, port, protocol)
         finally:
             port.close()
+        states = {}
+        if any(channel.interface == "handrail" for channel in description.channels):
+            from hal.can.control import HubControl
+
+            control = HubControl(place.bus, timeout_s=1.0)
+            states = {(node.name, node.channel): node.state for node in control.report().nodes}
+            control.close()
+    names: dict[str, list[str]] = {channel.name: [] for channel in description.channels}
+    for limb in description.limbs:
+        names[limb.channel] += limb.joints
+    for device in description.devices:
+        names[device.channel].append(device.name)
     for channel in description.channels:
-        answered = sum(
-            len(set(limb.joints) & set(found.answered)) for limb in description.limbs if limb.channel == channel.name
-        )
-        drives = sum(len(limb.joints) for limb in description.limbs if limb.channel == channel.name)
+        members = names[channel.name]
         print(
             f"{channel.name}: {channel.interface}, {channel.bitrate:,} and {channel.data_bitrate:,} bit/s, "
-            f"{answered} of {drives} drives answer"
+            f"{len(set(members) & set(found.answered))} of {len(members)} drives and devices answer"
         )
     if not found.asked:
         print("a host is on the bus: this only listened")
-    if said := bus_check.refusal(description, found):
+    if said := bus_check.refusal(description, found, states):
         fail("check", said)
 
 

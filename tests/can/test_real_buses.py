@@ -26,8 +26,10 @@ from hal.can.listening import ListenedBus
 from hal.can.mixed_port import MixedPort
 from hal.can.port import HubPort, open_port
 from hal.can.wire import BusLost
-from hal.drives.protocol import LimbProtocol
+from hal.drives.parameters import ParameterResult
+from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.joint import JointState
+from handrail.robot.description import Device
 from handrail.runtime import Runtime
 
 Make = Callable[..., np.ndarray]
@@ -235,10 +237,10 @@ def test_a_hub_at_other_rates_than_the_robots_is_refused(running: Path, robot: S
 
 
 class _Drives:
-    """Drives on python-can's in-process interface that answer as limb_fd's do, some of them missing."""
+    """Drives on python-can's in-process interface that answer as real ones do, some of them missing or of another version."""
 
-    def __init__(self, robot: SimpleNamespace, missing: tuple[str, ...]):
-        self._protocol, self._robot = LimbProtocol(robot), robot
+    def __init__(self, robot: SimpleNamespace, missing: tuple[str, ...], versions: dict[str, int] | None = None):
+        self._protocol, self._robot, self._versions = LimbProtocol(robot), robot, versions or {}
         self._present = np.array([joint not in missing for joint in robot.joints])
         self._port = real_port.CanPort([c for c in robot.channels if c.interface != "handrail"])
         self._ending = False
@@ -256,19 +258,28 @@ class _Drives:
 
     def _run(self) -> None:
         n = len(self._robot.joints)
-        state, out = JointState(n), frames.empty(2 * n)
+        state, targets, out = JointState(n), DriveTargets(n), frames.empty(4 * n)
+        expected = self._protocol.protocol_version
         while not self._ending:
             got = self._port.receive(0.02)
-            if np.count_nonzero((got["can_id"] & 0x7F8) == 0x0C0):
+            self._protocol.decode(got, len(got), targets)
+            count = 0
+            if targets.controlled.any():
                 self.asked += 1
+                state.sequence[:] = targets.sequence
                 count = self._protocol.encode_status(state, np.zeros(n, np.uint8), self._present, out)
-                self._port.send(out[:count][out["bus"][:count] < len(self._port.channels)])
+            for request in self._protocol.requests(targets):
+                if self._present[request.joint]:
+                    version = self._versions.get(self._robot.joints[request.joint], int(expected[request.joint]))
+                    count += self._protocol.encode_reply(request, ParameterResult.OK, version, out[count:])
+            self._port.send(out[:count][out["bus"][:count] < len(self._port.channels)])
 
 
 @pytest.fixture
 def bench_robot(robot: SimpleNamespace) -> Iterator[SimpleNamespace]:
     for channel in robot.channels:
         channel.interface = "virtual"
+    robot.period_ns = 2_000_000
     yield robot
 
 
@@ -298,6 +309,30 @@ def test_a_complete_network_gives_no_refusal(bench_robot: SimpleNamespace) -> No
         found = bus_check.survey(bench_robot, port, LimbProtocol(bench_robot))
         port.close()
     assert bus_check.refusal(bench_robot, found) == "" and len(found.answered) == 18 and drives.asked
+
+
+def test_drives_of_another_protocol_version_are_named(bench_robot: SimpleNamespace) -> None:
+    with _Drives(bench_robot, missing=(), versions={"left_4": 99}):
+        port = real_port.CanPort(bench_robot.channels)
+        found = bus_check.survey(bench_robot, port, LimbProtocol(bench_robot))
+        port.close()
+    assert not found.missing and set(found.strangers) == {"left_4"} and found.strangers["left_4"][0] == 99
+    assert "the drive of left_4 speaks protocol version 99, its family here" in bus_check.refusal(bench_robot, found)
+
+
+def test_a_device_that_does_not_answer_is_named(bench_robot: SimpleNamespace) -> None:
+    bench_robot.devices = (Device("pelvis_imu", "imu", 0, "can1", "", ""),)
+    with _Drives(bench_robot, missing=()):
+        port = real_port.CanPort(bench_robot.channels)
+        found = bus_check.survey(bench_robot, port, LimbProtocol(bench_robot))
+        port.close()
+    assert found.missing == ["pelvis_imu"]
+    said = bus_check.refusal(bench_robot, found)
+    assert (
+        said.startswith("no answer from pelvis_imu of imu device on channel can1 (virtual)") and said.count("\n") == 0
+    )
+    said = bus_check.refusal(bench_robot, found, {("pelvis_imu", "can1"): "bus_off"})
+    assert "bus off on the virtual bus; `handrail can fault list` shows why" in said
 
 
 def test_a_survey_never_talks_into_another_hosts_conversation(bench_robot: SimpleNamespace) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import signal
 import time
@@ -25,30 +26,63 @@ def line(message: can.Message) -> str:
     return f" ({message.timestamp:.6f})  {message.channel}  {identifier:>8}  {length}  {data}"
 
 
+_MESSAGE = re.compile(r"^BO_ (\d+) (\w+) ?:", re.MULTILINE)
+
+
+def load_dbc(dbc: str | os.PathLike[str]) -> Database:
+    """A file's database. Raises ValueError naming the file where cantools can't read it."""
+    try:
+        database = cantools.database.load_file(os.fspath(dbc))
+    except (OSError, cantools.Error, ValueError) as error:
+        raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
+    if not isinstance(database, Database):
+        raise ValueError(f"{dbc}: a diagnostics database; expected one of CAN messages (DBC)")
+    return database
+
+
+def messages_of(dbc: str | os.PathLike[str]) -> dict[tuple[int, bool], str]:
+    """(identifier, extended) → name of a file's messages. cantools takes a second for what a glance tells of a DBC file."""
+    if Path(dbc).suffix.lower() == ".dbc":
+        try:
+            numbers = _MESSAGE.findall(Path(dbc).read_text(encoding="cp1252"))
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
+        if numbers:
+            return {(int(n) & 0x1FFFFFFF, int(n) >= 1 << 31): name for n, name in numbers if name != _NO_MESSAGE}
+    return {(message.frame_id, message.is_extended_frame): message.name for message in load_dbc(dbc).messages}
+
+
+_NO_MESSAGE = "VECTOR__INDEPENDENT_SIG_MSG"  # where DBC files keep signals without a message
+
+
 class Decoder:
-    """What messages say, by DBC files: the first that has an identifier tells it."""
+    """What messages say, by DBC files: the first that has an identifier tells it. A file is read whole when it is needed."""
 
     def __init__(self, *dbcs: str | os.PathLike[str]):
-        """Raises ValueError naming the file where cantools can't read it."""
+        """Raises ValueError naming the file that can't be read."""
+        self._names: dict[tuple[int, bool], str] = {}
+        self._files: dict[tuple[int, bool], str | os.PathLike[str]] = {}
         self._messages: dict[tuple[int, bool], Message] = {}
         for dbc in dbcs:
-            try:
-                database = cantools.database.load_file(os.fspath(dbc))
-            except (OSError, cantools.Error, ValueError) as error:
-                raise ValueError(f"{dbc}: no CAN database that can be read: {error}") from error
-            if not isinstance(database, Database):
-                raise ValueError(f"{dbc}: a diagnostics database; expected one of CAN messages (DBC)")
-            for message in database.messages:
-                self._messages.setdefault((message.frame_id, message.is_extended_frame), message)
+            for identifier, name in messages_of(dbc).items():
+                self._names.setdefault(identifier, name)
+                self._files.setdefault(identifier, dbc)
 
     def name(self, can_id: int, extended: bool) -> str:
         """What the files call an identifier, empty where they have none."""
-        message = self._messages.get((can_id, extended))
-        return message.name if message else ""
+        return self._names.get((can_id, extended), "")
+
+    def _definition(self, identifier: tuple[int, bool]) -> Message | None:
+        if identifier not in self._messages and identifier in self._files:
+            file = self._files[identifier]
+            for message in load_dbc(file).messages:
+                if self._files.get((message.frame_id, message.is_extended_frame)) == file:
+                    self._messages[message.frame_id, message.is_extended_frame] = message
+        return self._messages.get(identifier)
 
     def text(self, message: can.Message) -> str:
         """``Name(Signal: value unit, ...)``, empty for a message that the files do not have."""
-        definition = self._messages.get((message.arbitration_id, message.is_extended_id))
+        definition = self._definition((message.arbitration_id, message.is_extended_id))
         if definition is None or message.is_remote_frame:
             return ""
         try:

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import can
 import cantools
-from cantools.database.can import Database
 
+from hal.can.capture import load_dbc, messages_of
 from hal.can.frames import fd_length
 
 _RAW = re.compile(
@@ -64,10 +64,10 @@ def encode_message(name: str, signals: Sequence[str], dbcs: Sequence[str | os.Pa
     """
     names: list[str] = []
     for file in dbcs:
-        database = cantools.database.load_file(os.fspath(file))
-        assert isinstance(database, Database)
-        names += [message.name for message in database.messages]
-        if name in names:
+        there = messages_of(file).values()
+        names += there
+        if name in there:
+            database = load_dbc(file)
             break
     else:
         near = difflib.get_close_matches(name, names, 4)

@@ -11,6 +11,7 @@ import numpy as np
 
 from hal.can.control import BusReport, ChannelState, IdentifierLoad
 from hal.can.convert import to_record
+from hal.can.frames import WORDS
 from hal.can.timing import LoadMeter, frame_ns
 
 
@@ -24,7 +25,8 @@ class ListenedBus:
         self._error_frames, self._began, self._lock = 0, time.monotonic_ns(), threading.Lock()
         self._meter = LoadMeter()
         self._problem: Exception | None = None
-        frame_ns(np.zeros(10, np.uint64), 0, bitrate, data_bitrate)  # compile before the first frame waits
+        self._record = np.zeros(WORDS, np.uint64)
+        frame_ns(self._record, 0, bitrate, data_bitrate)  # compile before the first frame waits
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -41,7 +43,8 @@ class ListenedBus:
             if message.is_error_frame:
                 self._error_frames += 1
                 continue
-            busy = int(frame_ns(np.frombuffer(to_record(message, 0), np.uint64), 0, *self._rates))
+            self._record.view(np.uint8).data[:] = to_record(message, 0)
+            busy = int(frame_ns(self._record, 0, *self._rates))
             with self._lock:
                 of = self._counts[message.arbitration_id, message.is_extended_id]
                 of[0] += 1

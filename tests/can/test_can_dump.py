@@ -90,7 +90,7 @@ def test_dump_prints_decodes_and_logs_and_ends_after_its_count(running: Path, tm
     assert times == sorted(times)
     assert all(":: DriveStatus_" in text and "Position: 0.25 rad" in text for text in lines)
     logged = list(can.LogReader(tmp_path / "bus.blf"))
-    assert len(logged) == 36 and all(message.is_fd and message.dlc == 16 for message in logged)
+    assert len(logged) == 36 and all(message.is_fd and message.dlc == 20 for message in logged)
     port.close()
 
 

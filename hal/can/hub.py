@@ -195,7 +195,7 @@ class Hub:
 
     def deaf(self) -> npt.NDArray[np.bool_] | None:
         """(own nodes,) which of the hub's own nodes hear nothing: bus-off, or their cable is cut. None: all hear."""
-        if not self._traffic.careful:
+        if not self._traffic.impaired:
             return None
         numbers = np.arange(_MOST_NODES, len(self._names))
         return ~self._traffic.hears(numbers, np.array(self._own_channels, np.int64))
@@ -340,7 +340,7 @@ class Hub:
 
     def clear_fault(self, number: int | None = None) -> int:
         """Take back one fault, or all (None); returns how many. Raises ValueError when there is no such fault."""
-        return self._traffic.disturbance.clear(number, self._clock())
+        return self._traffic.clear(number, self._clock())
 
     def statistics(self) -> list[ChannelStatistics]:
         """What every channel has carried. Call it several times a second for a load that is up to date."""
@@ -507,9 +507,8 @@ class Hub:
                 self.heard = int(np.count_nonzero(first == sync)), int(np.count_nonzero(first == hold))
                 if self.heard[1]:
                     records, node = records[first != hold], node[first != hold]
-        words, nodes, self._carried = self._traffic.turn(records, node, now, ahead)
-        count = self._carried
-        self._ordered[: WORDS * count], self._ordered_node[:count] = words[: WORDS * count], nodes[:count]
+        count = self._traffic.turn(records, node, now, ahead, self._ordered, self._ordered_node)
+        self._carried = count
         if count:
             self._pass_on(count)
         from_others = self._records[:count][self._ordered_node[:count] < _MOST_NODES]
@@ -541,7 +540,7 @@ class Hub:
                 continue
             skip = -1 if node.own_frames else node.number
             wanted = node.outbound
-            if self._traffic.careful:
+            if self._traffic.impaired:
                 wanted = wanted.copy()
                 every = np.arange(len(self.channels))
                 wanted[: len(every)][~self._traffic.hears(np.full(len(every), node.number), every)] = -1

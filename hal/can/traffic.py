@@ -41,10 +41,12 @@ class Traffic:
         self.disturbance = Disturbance(self._state, [c.name for c in channels], names)
         self.careful = timing
         """False: nothing here has anything to do, and the hub's quick path is as good"""
-        self._words = np.zeros(WORDS * TURN_ROOM, np.uint64)
-        self._node = np.zeros(TURN_ROOM, np.int64)
-        self._records = self._words.view(RECORD)
+        self.impaired = False
+        """some node is bus-off, or its cable is cut: not everybody hears"""
+        self._timed = np.full(len(channels), timing)
         self._rooms = np.zeros(len(channels), np.int64)
+        self._set_timed()
+        self._then = transit.NEVER
         self._warm(names)
 
     def _warm(self, names: list[str]) -> None:
@@ -52,12 +54,11 @@ class Traffic:
         s = transit.make(self._state.bitrates, self._state.totals.copy(), self._state.identifiers.copy(), len(names))
         one, zero = np.zeros(WORDS, np.uint64), np.zeros(1, np.int64)
         transit.put(s, one, zero, zero, 1, 0, self._rooms)
-        transit.run(s, 0, transit.NEVER, self._words, self._node, 0)
+        transit.run_all(s, 0, transit.NEVER, self._timed, np.zeros(WORDS, np.uint64), zero, 0)
         transit.trim(s, self._fifo)
         transit.flush(s, 0, 0)
         transit.take_off(s, 0, 0)
-        transit.catch_up(s, 0, 0)
-        transit.next_time(s, 0)
+        transit.recessive(s, 0, 0)
         transit.is_quiet(s)
         confinement.is_passive(s.counters, 0, 0)
 
@@ -84,7 +85,13 @@ class Traffic:
         """Nodes came or went, or faults did: they apply from now on."""
         if self.disturbance:
             self.careful = True
-            self.disturbance.apply(now)
+            self._apply(now)
+
+    def clear(self, number: int | None, now: int) -> int:
+        """Take back one fault or all (None); see Disturbance.clear."""
+        count = self.disturbance.clear(number, now)
+        self._apply(now)
+        return count
 
     def hears(self, numbers: npt.NDArray[np.int64], channels: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         """(k,) whether each of k nodes hears anything on the channel beside it: not when it is bus-off or its cable is cut."""
@@ -92,38 +99,44 @@ class Traffic:
         return (counters[:, confinement.OFF] == 0) & (counters[:, confinement.OUTSIDE] == 0)
 
     def turn(
-        self, records: npt.NDArray[np.void], node: npt.NDArray[np.int64], now: int, ahead: int
-    ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.int64], int]:
+        self,
+        records: npt.NDArray[np.void],
+        node: npt.NDArray[np.int64],
+        now: int,
+        ahead: int,
+        out: npt.NDArray[np.uint64],
+        out_node: npt.NDArray[np.int64],
+    ) -> int:
         """Queue new frames at `now` (ns), and run all channels until `ahead` ns later.
 
-        Returns the frames that ended, in the order of their ends: words, nodes, how many.
+        `out` and `out_node` get the frames that ended and who sent them, in the order of their ends; returns how many.
         """
         k = 0
-        while (event := self.disturbance.next_event()) <= now:
-            k = self._run(event, k)
-            self.disturbance.apply(event)
-            for when, who, record in self.disturbance.due(event):
-                self._put(record, np.array([who]), np.zeros(1, np.int64), when)
-        self._catch_up(now)
+        if self.disturbance:
+            while (event := self.disturbance.next_event()) <= now:
+                k, *_ = transit.run_all(self._state, event, event, self._timed, out, out_node, k)
+                self._apply(event)
+                for when, who, record in self.disturbance.due(event):
+                    self._put(record, np.array([who]), np.zeros(1, np.int64), when)
         if len(records):
-            self._put(*self.disturbance.lay(records, node, now), now)
-        k = self._run(now + ahead, k)
-        self._catch_up(now)
-        if self.disturbance.next_event() <= now:
-            self.disturbance.apply(now)  # it has hit its last frame
+            marks = np.zeros(len(records), np.int64)
+            self._put(*(self.disturbance.lay(records, node, now) if self.disturbance else (records, node, marks)), now)
+        k, self._then, self.impaired = transit.run_all(self._state, now, now + ahead, self._timed, out, out_node, k)
+        if self.disturbance and self.disturbance.next_event() <= now:
+            self._apply(now)  # it has hit its last frame
         if not self.timing:
             transit.trim(self._state, self._fifo)
             if not self.disturbance and transit.is_quiet(self._state):
                 self.careful = False
         if k > 1 and len(self._channels) > 1:
-            order = np.argsort(self._records["time_ns"][:k], kind="stable")
-            self._records[:k], self._node[:k] = self._records[order], self._node[order]
-        return self._words, self._node, k
+            ended = out.view(RECORD)
+            order = np.argsort(ended["time_ns"][:k], kind="stable")
+            ended[:k], out_node[:k] = ended[order], out_node[order]
+        return k
 
     def next_event(self) -> int:
         """ns of the clock when `turn` has something to do again, if nobody sends; transit.NEVER: not by itself."""
-        timed = [transit.next_time(self._state, int(bus)) for bus in np.flatnonzero(self._takes_time())]
-        return min([self.disturbance.next_event(), *timed])
+        return min(self._then, self.disturbance.next_event()) if self.disturbance else self._then
 
     def of_node(self, number: int, bus: int) -> tuple[str, int, int, int, int]:
         """(state, transmit errors, receive errors, frames waiting, overflows) of a node on a channel."""
@@ -137,22 +150,20 @@ class Traffic:
             int(queue[transit.OVERFLOWS]),
         )
 
-    def _takes_time(self) -> npt.NDArray[np.bool_]:
-        return np.ones(len(self._channels), np.bool_) if self.timing else self.disturbance.keeps_time()
+    def _apply(self, now: int) -> None:
+        self.disturbance.apply(now)
+        self._set_timed()
+        self._then = now  # what ends next may be another frame than before
+        counters = self._state.counters
+        self.impaired = bool(counters[:, :, confinement.OFF].any() or counters[:, :, confinement.OUTSIDE].any())
+
+    def _set_timed(self) -> None:
+        """Which channels keep time, and how much a FIFO takes at once: where frames go at once, it is cut to size behind."""
+        self._timed[:] = self.timing | self.disturbance.keeps_time()
+        self._rooms[:] = np.where(self._timed, self._fifo, transit.POOL)
 
     def _put(
         self, records: npt.NDArray[np.void], node: npt.NDArray[np.int64], marks: npt.NDArray[np.int64], when: int
     ) -> None:
-        self._rooms[:] = np.where(self._takes_time(), self._fifo, transit.POOL)
         words = np.ascontiguousarray(records).view(np.uint64)
         transit.put(self._state, words, node, marks, len(records), when, self._rooms)
-
-    def _catch_up(self, now: int) -> None:
-        for bus in self._channels:
-            transit.catch_up(self._state, bus, now)
-
-    def _run(self, until: int, k: int) -> int:
-        takes_time = self._takes_time()
-        for bus in self._channels:
-            k = transit.run(self._state, bus, until if takes_time[bus] else transit.NEVER, self._words, self._node, k)
-        return k

@@ -118,6 +118,8 @@ def make(
 @njit(cache=True)
 def put(s, words, node, marks, n, ready, room):
     """Queue n records at the time `ready` (ns); a FIFO takes `room` (c,) frames. What it does not take is counted."""
+    for bus in range(s.queue.shape[0]):
+        catch_up(s, bus, ready)
     for row in range(n):
         bus, who = bus_of(words, row), node[row]
         if s.counters[bus, who, OFF] or s.queue[bus, who, LENGTH] >= room[bus] or s.spare[POOL] <= _RESERVE:
@@ -219,38 +221,55 @@ def run(s, bus, until, out, out_node, k):
 
 
 @njit(cache=True)
+def run_all(s, now, until, timed, out, out_node, k):
+    """Run all channels, the `timed` ones (c,) until `until`, the others until nothing is left to send.
+
+    Returns (the row behind the last of `out`; ns when something happens next by itself on a timed channel; whether a node is
+    bus-off or its cable cut at `now`).
+    """
+    then, impaired = NEVER, False
+    for bus in range(s.queue.shape[0]):
+        k = run(s, bus, until if timed[bus] else NEVER, out, out_node, k)
+        catch_up(s, bus, now)
+        if timed[bus]:
+            then = min(then, next_time(s, bus))
+        for who in range(s.counters.shape[1]):
+            impaired |= not takes_part(s.counters, bus, who)
+    return k, then, impaired
+
+
+@njit(cache=True)
 def _winner(s, bus):
     """(when the next frame starts, whose it is; −1: nobody's): of those that are ready first, the lowest identifier's."""
-    free, first = s.totals[bus, FREE], NEVER
-    nodes = s.queue.shape[1]
-    for who in range(nodes):
-        first = min(first, max(free, _ready(s, bus, who)))
-    best, lowest = -1, np.int64(0)
+    # Arrays one by one: handing all of `s` to a function for every node cost more than all that it does.
+    queue, babble, link, counters = s.queue, s.babble, s.link, s.counters
+    free, first, best, lowest = s.totals[bus, FREE], NEVER, -1, np.int64(0)
+    for who in range(queue.shape[1]):
+        if queue[bus, who, HEAD] >= 0 or babble[bus, who, 0] >= 0:
+            first = min(first, max(free, _ready(queue, babble, link, counters, bus, who)))
     if first == NEVER:
         return first, best
-    for who in range(nodes):
-        if _ready(s, bus, who) <= first:
-            key = _key(s, bus, who)
+    for who in range(queue.shape[1]):
+        if queue[bus, who, HEAD] < 0 and babble[bus, who, 0] < 0:
+            continue
+        if _ready(queue, babble, link, counters, bus, who) <= first:
+            babbled = babble[bus, who, 0]
+            if babbled > 0x7FF:
+                key = (babbled >> 18) << 19 | 1 << 18 | (babbled & 0x3FFFF)
+            else:
+                key = babbled << 19 if babbled >= 0 else priority(s.pool, queue[bus, who, HEAD])
             if best < 0 or key < lowest:
                 best, lowest = who, key
     return first, best
 
 
 @njit(cache=True)
-def _ready(s, bus, who):
-    babbles = s.babble[bus, who, 0] >= 0
-    if (s.queue[bus, who, HEAD] < 0 and not babbles) or not takes_part(s.counters, bus, who):
+def _ready(queue, babble, link, counters, bus, who):
+    """ns from when on a node that has something to send may; NEVER: bus-off, or cut off."""
+    if not takes_part(counters, bus, who):
         return NEVER
-    since = s.babble[bus, who, 1] if babbles else s.link[s.queue[bus, who, HEAD], READY]
-    return max(since, s.counters[bus, who, RESUME])
-
-
-@njit(cache=True)
-def _key(s, bus, who):
-    babbled = s.babble[bus, who, 0]
-    if babbled >= 0:
-        return (babbled >> 18) << 19 | 1 << 18 | (babbled & 0x3FFFF) if babbled > 0x7FF else babbled << 19
-    return priority(s.pool, s.queue[bus, who, HEAD])
+    since = babble[bus, who, 1] if babble[bus, who, 0] >= 0 else link[queue[bus, who, HEAD], READY]
+    return max(since, counters[bus, who, RESUME])
 
 
 @njit(cache=True)

@@ -72,7 +72,7 @@ class DevicePlant:
         for row, imu in self._imus.items():
             imu.measure(time_ns, state.values[row])
         for row, wrist in self._wrists.items():
-            wrist.measure(state.values[row])
+            wrist.measure(time_ns, state.values[row])
         for row, gripper in self.grippers.items():
             gripper.measure(time_ns, state.values[row])
         for row, battery in self.batteries.items():

@@ -38,6 +38,7 @@ class RobotBody:
         ]
         self.joints = {info[1].decode(): info[0] for info in infos}
         """joint → PyBullet's number of it, which is its child link's too"""
+        self._parents = {info[0]: info[16] for info in infos}
         self.links = {info[12].decode(): info[0] for info in infos}
         self.links[p.getBodyInfo(self.number, physicsClientId=client)[0].decode()] = BASE
         # PyBullet counts velocities from 6 on, whether the base's own six are there or not.
@@ -72,6 +73,14 @@ class RobotBody:
     def inertial(self, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Centre of mass (3,) m and axes (3, 3) of PyBullet's inertial frame, in the link's own frame."""
         return self._to_frame[link]
+
+    def beyond(self, link: int) -> list[int]:
+        """One of PyBullet's links and all that hang on it."""
+        found = [link]
+        for number in sorted(self.joints.values()):
+            if number != link and self._parents[number] in found:
+                found.append(number)
+        return found
 
     def place(self, joint: str, position: float) -> None:
         """Put a joint somewhere, at rest."""

@@ -60,7 +60,9 @@ class ForceTorque:
     """The wrench that what is mounted on the sensor exerts on the arm, in the sensor's link's frame and axes.
 
     A tool that hangs from it reads its weight, downwards; nothing is tared. It is what the joint that carries the link really
-    transmits, contacts included. Gyroscopic torque is left out, as PyBullet does (under 0.01 N·m at the wrist's speeds).
+    transmits, contacts included, as PyBullet tells it (without gyroscopic torque: under 0.01 N·m at a wrist's speeds). Where a
+    gripper hangs from it PyBullet tells wrong, since it takes the forces inside a linkage for outer ones: there it follows from
+    momentum and contacts of all that is beyond the sensor.
     """
 
     def __init__(self, body: RobotBody, link: str):
@@ -68,15 +70,85 @@ class ForceTorque:
         if carrier < 0 or not (np.allclose(at, 0.0) and np.allclose(axes, np.eye(3))):
             raise ValueError(f"force-torque sensor on {link}: expected a link that a joint carries")
         self._body, self._link = body, carrier
+        beyond = body.beyond(carrier)
+        gripped = {body.joints[joint] for joint in body.description.device_limits}
+        self._mechanism = Mechanism(body, beyond) if gripped & set(beyond) else None
         # PyBullet answers in the inertial frame of the link beyond the cut: what carries it exerts on it.
         centre, turn = body.inertial(carrier)
         self._centre, self._turn = tuple(centre.tolist()), quaternion(turn)
-        p.enableJointForceTorqueSensor(body.number, carrier, True, physicsClientId=body.client)
+        if self._mechanism is None:
+            p.enableJointForceTorqueSensor(body.number, carrier, True, physicsClientId=body.client)
 
-    def measure(self, values: npt.NDArray[np.float64]) -> None:
+    def measure(self, time_ns: int, values: npt.NDArray[np.float64]) -> None:
         """Write hal.device's force_torque columns."""
+        if self._mechanism is not None:
+            force, torque = self._mechanism.wrench(time_ns)
+            _, here, orientation, _, _ = self._body.link_motion(self._link)
+            mx, my, mz = _cross(here, force)
+            into_sensor = _inverse(orientation)
+            values[0:3] = p.rotateVector(into_sensor, force)
+            values[3:6] = p.rotateVector(into_sensor, (torque[0] - mx, torque[1] - my, torque[2] - mz))
+            return
         wrench = p.getJointState(self._body.number, self._link, physicsClientId=self._body.client)[2]
         fx, fy, fz = p.rotateVector(self._turn, wrench[:3])
         tx, ty, tz = p.rotateVector(self._turn, wrench[3:])
         mx, my, mz = _cross(self._centre, (fx, fy, fz))
         values[0:6] = -fx, -fy, -fz, -tx - mx, -ty - my, -tz - mz
+
+
+class Mechanism:
+    """Some links of the robot, whose only neighbour is the arm that carries them: momentum and contacts tell what it bears."""
+
+    def __init__(self, body: RobotBody, links: list[int]):
+        self._body, self._links = body, links
+        infos = [p.getDynamicsInfo(body.number, link, physicsClientId=body.client) for link in links]
+        self._inertials = [(info[0], info[2]) for info in infos]  # mass, principal moments
+        self._weight = GRAVITY * sum(mass for mass, _ in self._inertials)
+        self._momentum = np.zeros(6)
+        self._rate = np.zeros(6)
+        self._time_ns = -1
+
+    def wrench(self, time_ns: int) -> tuple[Vector, Vector]:
+        """Force N and torque N·m about the world's origin, world axes, that the links exert on what carries them.
+
+        Acceleration is the mean since the call before.
+        """
+        states = p.getLinkStates(
+            self._body.number, self._links, computeLinkVelocity=1, computeForwardKinematics=1,
+            physicsClientId=self._body.client,
+        )  # fmt: skip
+        momentum = np.zeros(6)
+        lever_x = lever_y = 0.0
+        for state, (mass, moments) in zip(states, self._inertials, strict=True):
+            centre, orientation, linear, angular = state[0], state[1], state[6], state[7]
+            x, y, z = p.rotateVector(_inverse(orientation), angular)
+            spin = p.rotateVector(orientation, (x * moments[0], y * moments[1], z * moments[2]))
+            orbit = _cross(centre, linear)
+            momentum[:3] += (mass * linear[0], mass * linear[1], mass * linear[2])
+            momentum[3:] += (mass * orbit[0] + spin[0], mass * orbit[1] + spin[1], mass * orbit[2] + spin[2])
+            lever_x += GRAVITY * mass * centre[0]
+            lever_y += GRAVITY * mass * centre[1]
+        passed = (time_ns - self._time_ns) * 1e-9
+        if self._time_ns >= 0 and passed > 0.0:
+            self._rate = (momentum - self._momentum) / passed
+        self._momentum, self._time_ns = momentum, time_ns
+        outer = self._contacts() - self._rate
+        fx, fy, fz, tx, ty, tz = outer.tolist()
+        # Weight (0, 0, −m g) at a centre c has the moment (−m g c_y, m g c_x, 0).
+        return (fx, fy, fz - self._weight), (tx - lever_y, ty + lever_x, tz)
+
+    def _contacts(self) -> npt.NDArray[np.float64]:
+        """What others exert on the links, force and torque about the world's origin."""
+        total = np.zeros(6)
+        mine = set(self._links)
+        for contact in p.getContactPoints(self._body.number, physicsClientId=self._body.client):
+            if contact[3] not in mine:
+                continue
+            # Normal on the other body, pointing at ours; friction along two directions.
+            force = tuple(
+                contact[9] * normal + contact[10] * one + contact[12] * two
+                for normal, one, two in zip(contact[7], contact[11], contact[13], strict=True)
+            )
+            total[:3] += force
+            total[3:] += _cross(contact[5], force)
+        return total

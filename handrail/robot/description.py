@@ -266,20 +266,27 @@ class RobotDescription:
         return np.array([self.home[name][joint] for joint in self.joints])
 
 
+def _folders() -> list[Path]:
+    return workspace.search_path("robots", "hal", "robots")
+
+
+def library() -> dict[str, Path]:
+    """Name → file of the robots that there are; the user's own come before those that are built in."""
+    return {file.parent.name: file for folder in reversed(_folders()) for file in folder.glob("*/robot.yaml")}
+
+
 def find(name_or_folder: str | os.PathLike[str]) -> Path:
     """The robot's file. Raises config.ConfigError naming what there is."""
     given = Path(name_or_folder)
-    folders = workspace.search_path("robots", "hal", "robots")
-    candidates = [given / "robot.yaml", *(folder / given / "robot.yaml" for folder in folders)]
+    candidates = [given / "robot.yaml", *(folder / given / "robot.yaml" for folder in _folders())]
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    known = sorted({file.parent.name for folder in folders for file in folder.glob("*/robot.yaml")})
     raise config.ConfigError(
         str(name_or_folder),
         None,
         "robot",
-        f"no such robot; expected one of {', '.join(known)}, or a folder with robot.yaml",
+        f"no such robot; expected one of {', '.join(sorted(library()))}, or a folder with robot.yaml",
     )
 
 

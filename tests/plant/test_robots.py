@@ -1,34 +1,17 @@
-"""Every robot that comes with Handrail can be enabled and holds its posture; each is data alone."""
+"""A robot with a free base hangs in its gantry, or stands. (tests/robots looks at every robot.)"""
 
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import hal.robots
 from hal.plant.bullet import pybullet as p
 from hal.plant.robot_body import BASE
 from hal.plant.world import World
 from handrail.robot import description
 from handrail.robot.kinematics import Kinematics
-
-ROBOTS = sorted(file.parent.name for file in Path(hal.robots.__path__[0]).glob("*/robot.yaml"))
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_enables_and_holds_its_home_posture(name, host_of):
-    robot = description.load(name)
-    host = host_of(World(robot), Kinematics(robot))
-    home = host.world.position.copy()
-    host.enable()
-    host.cycle(300)
-    assert np.abs(host.world.position - home).max() < 0.02
-    assert np.abs(host.world.velocity).max() < 0.02
-    assert not host.world.drives.error.any()
-    host.world.close()
 
 
 def test_a_robot_without_its_gantry_stands_on_its_feet(host_of):
@@ -37,10 +20,10 @@ def test_a_robot_without_its_gantry_stands_on_its_feet(host_of):
     host = host_of(world, kinematics)
     host.enable()
     carried = 0.0
-    for _ in range(400):
+    for _ in range(200):
         host.cycle()
         contacts = p.getContactPoints(world.robot.number, world.floor, physicsClientId=world.client)
-        carried += sum(contact[9] for contact in contacts) / 400
+        carried += sum(contact[9] for contact in contacts) / 200
     weight = 9.81 * sum(inertia.mass for inertia in kinematics.model.inertias)
     feet = {world.robot.links[f"leg_{side}_6_link"] for side in ("left", "right")}
     assert {contact[3] for contact in contacts} == feet

@@ -1,0 +1,80 @@
+"""`handrail robot ...`: which robots there are, and whether one of them is consistent."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn
+from rich.table import Table
+
+from handrail.config import ConfigError
+from handrail.robot import description as robots
+
+app = typer.Typer(help="The robots.", no_args_is_help=True, add_completion=False)
+
+
+@app.callback()
+def _group() -> None:
+    """The robots that Handrail knows: a folder each, data alone (docs/robots.md)."""
+
+
+@app.command("list")
+def list_robots() -> None:
+    """All robots: those of your workspace and those that come with Handrail."""
+    table = Table("robot", "drives", "network", "devices", "base", "folder")
+    bad = 0
+    for name, file in sorted(robots.library().items()):
+        try:
+            robot = robots.load(str(file.parent))
+        except ConfigError as error:
+            bad += 1
+            table.add_row(name, f"[red]{error}[/red]")
+            continue
+        devices = ", ".join(device.name for device in robot.devices) or "none"
+        limbs = f"{len(robot.limbs)} limbs on {len(robot.channels)} channels"
+        base = robot.base if robot.base == "fixed" else f"free, {'hung' if robot.support == 'gantry' else 'standing'}"
+        table.add_row(name, str(len(robot.joints)), limbs, devices, base, str(file.parent))
+    Console().print(table)
+    if bad:
+        sys.exit(1)
+
+
+@app.command()
+def check(
+    name: Annotated[str, typer.Argument(help="A robot's name or folder.")],
+    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the rows to this file, too.")] = None,
+) -> None:
+    """Compare a robot's model with its plant, and look at its network and devices. Exits with 0 only when all of it holds."""
+    try:
+        robot = robots.load(name)
+    except ConfigError as error:
+        sys.exit(f"handrail robot: {error}")
+    from hal.robots.check import check as rows_of
+
+    rows = []
+    with Progress(
+        SpinnerColumn(), TextColumn("{task.description}"), console=Console(stderr=True), transient=True
+    ) as shown:
+        task = shown.add_task(f"checking {robot.name}", total=None)
+        try:
+            for row in rows_of(robot):
+                rows.append(row)
+                shown.update(task, description=f"checked {row.about}: {row.name}")
+        except (OSError, ValueError) as error:
+            sys.exit(f"handrail robot: {error}")
+    table = Table("about", "what", "value", "expected", "holds", title=f"Is {robot.name} one robot?")
+    for row in rows:
+        verdict = "[green]yes[/green]" if row.holds else "[red]NO[/red]"
+        table.add_row(row.about, row.name, row.value, row.expected, verdict)
+    Console().print(table)
+    failed = sum(not row.holds for row in rows)
+    Console().print(f"{len(rows)} comparisons, {failed or 'none'} failed.")
+    if json:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=2) + b"\n")
+    if failed:
+        sys.exit(1)

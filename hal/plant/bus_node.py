@@ -56,6 +56,7 @@ class BusNode:
         self._short_ladder = np.array(
             [families[family].short_ladder for family in protocol.program.joint_family], np.bool_
         )
+        self._patterns: dict[bytes, npt.NDArray[np.int64]] = {}
         self._syncs = 0
         self._due = np.zeros(d, np.bool_)
         self._sequences = np.zeros(d, np.uint8)
@@ -99,25 +100,34 @@ class BusNode:
         """What is owed, as the world stands now: valid until the next call, sent by `senders`."""
         self._watch_devices()
         owed, out, count = self._owed, self._out, 0
-        senders = []
+        senders = self._senders_of(owed, self._due)
         if np.count_nonzero(owed):
             self._look_at_drives()
             count = self._protocol.encode_status(
                 self._state, self._drives.actuators.mode, owed, out, time_ns=self._world.time_ns
             )
-            senders.append(self._answering[owed[self._answering]])
             owed[:] = False
         if np.count_nonzero(self._due):
-            state = self._devices.measure()
+            state = self._devices.measure(self._due)
             count += self._protocol.encode_device_status(
                 state, self._due, self._sequences, out[count:], time_ns=self._world.time_ns
             )
-            senders.append(len(self._state) + self._sending[self._due[self._sending]])
             self._due[:] = False
         if self._requests:
-            count += self._reply(out[count:], senders)
-        self.senders = senders[0] if len(senders) == 1 else np.concatenate(senders or [np.zeros(0, np.int64)])
+            replying = [senders]
+            count += self._reply(out[count:], replying)
+            senders = np.concatenate(replying)
+        self.senders = senders
         return out[:count]
+
+    def _senders_of(self, owed: npt.NDArray[np.bool_], due: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+        """Who sends the frames of drives that owe an answer and of devices that are due; nearly always the same few patterns."""
+        pattern = owed.tobytes() + due.tobytes()
+        if pattern not in self._patterns:
+            drives = self._answering[owed[self._answering]]
+            devices = len(self._state) + self._sending[due[self._sending]]
+            self._patterns[pattern] = np.concatenate((drives, devices))
+        return self._patterns[pattern]
 
     def replies(self) -> npt.NDArray[np.void]:
         """Of what is owed, the answers to parameter requests, which need no step of the world; as `answer` gives them."""
@@ -154,8 +164,7 @@ class BusNode:
         state.position[...], state.velocity[...] = actuators.measured_position, actuators.measured_velocity
         state.torque[...], state.temperature[...] = actuators.measured_torque, drives.temperature
         state.error[...], state.sequence[...] = drives.error, self._targets.sequence
-        _STATUSWORDS.take(drives.state, out=state.status)
-        state.status |= drives.flags
+        np.bitwise_or(_STATUSWORDS[drives.state], drives.flags, out=state.status)
 
     def _climb(self, targets: DriveTargets) -> None:
         """Drives that know enabled and disabled only take the whole of CiA 402's ladder at once."""

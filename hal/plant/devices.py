@@ -65,8 +65,8 @@ class DevicePlant:
         for battery in self.batteries.values():
             self._drives.bus_voltage[:] = battery.voltage if self._powered else 0.0
 
-    def measure(self) -> DeviceState:
-        """Measure everything, as the world stands now. Returns `state`."""
+    def measure(self, due: npt.NDArray[np.bool_] | None = None) -> DeviceState:
+        """Measure everything, as the world stands now; batteries only where `due` (d,), if given. Returns `state`."""
         state, time_ns = self.state, self._clock()
         actuators = self._drives.actuators
         for row, imu in self._imus.items():
@@ -76,6 +76,8 @@ class DevicePlant:
         for row, gripper in self.grippers.items():
             gripper.measure(time_ns, state.values[row])
         for row, battery in self.batteries.items():
+            if due is not None and not due[row]:
+                continue  # its charge falls over hours: what passed since it was last asked is enough
             battery.draw(time_ns, float(actuators.spring_torque @ self._velocity), actuators.current)
             battery.measure(state.values[row])
             self._look_at_power()

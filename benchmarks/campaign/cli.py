@@ -98,8 +98,11 @@ def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Co
                     file.flush()
                     bad = sum(row.verdict.outcome == "unsafe" for row in rows)
                     progress.update(bar, advance=1, description=f"faults ([red]{bad} unsafe[/])" if bad else "faults")
-            finally:
+            except KeyboardInterrupt:
                 stopping.set()
+                nursery.close()  # the runs under way end with their processes, and are not written down
+                console.print("interrupted; what is done is in the file, and the campaign goes on from there")
+                raise typer.Exit(130) from None
     finally:
         nursery.close()
     return rows

@@ -80,7 +80,7 @@ def get(
     """Read one parameter of one drive. Exit status 1: refused, or no answer."""
     with _client("get", robot, runtime, joint) as (client, row, _):
         index = find(parameter)
-        print(f"{client.read(row, index):g} {DICTIONARY[index].unit}".rstrip())
+        print(f"{client.read(row, index):.9g} {DICTIONARY[index].unit}".rstrip())
 
 
 @app.command("set")
@@ -96,7 +96,7 @@ def set_value(
         index = find(parameter)
         if index is Parameter.INJECT_ERROR:
             DriveError(int(value))
-        print(f"{client.write(row, index, value):g} {DICTIONARY[index].unit}".rstrip())
+        print(f"{client.write(row, index, value):.9g} {DICTIONARY[index].unit}".rstrip())
 
 
 @app.command()
@@ -122,7 +122,7 @@ def info(
             if values[0] != expected:
                 wrong.append(f"{joint}: protocol version {values[0]:g}; expected {expected}")
             units = [DICTIONARY[parameter].unit for parameter in _INFO]
-            shown = [f"{value:g} {unit}".rstrip() for value, unit in zip(values, units, strict=True)]
+            shown = [f"{value:.9g} {unit}".rstrip() for value, unit in zip(values, units, strict=True)]
             table.add_row(joint, protocol.program.joint_family[row], *shown)
     Console().print(table)
     if wrong:

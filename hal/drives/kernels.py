@@ -1,7 +1,7 @@
 """Compiled kernels that walk a robot's frame program (hal.drives.program): the same for every drive family, allocating nothing.
 
 A program's tables: `frames` (f, FRAME_COLUMNS), its messages; `ops` (o, OP_COLUMNS) and `scales` (o, 4), their signals;
-`lookups` (t, 515), of each table value by raw, raw by value, and the logarithmic scale's low end, high end and largest raw;
+`lookups` (t, 515), of each table value by raw, raw by value, and the logarithmic scale's low end, largest raw and steps per e-fold;
 `ids` (channels, 2048), identifier → frame; `long_ids` (2, m), sorted keys of 29-bit identifiers, and their frames; `payloads`.
 `words` are records (hal.can.frames). Tables that belong together travel as one array, from which a kernel makes them again: each
 argument of a compiled function costs about as much as a frame's decoding.
@@ -158,12 +158,12 @@ def _bits(words, first, ops, o):
 
 
 @njit(cache=True)
-def _looked_up(value, low, high, top, raws, table):
+def _looked_up(value, low, top, steps, raws, table):
     """The raw integer of a value by a look-up table."""
     if low > 0.0:
         if value < 0.5 * low:
             return np.int64(0)
-        return np.int64(min(max(np.rint(1.0 + (top - 1.0) / math.log(high / low) * math.log(value / low)), 1.0), top))
+        return np.int64(min(max(np.rint(1.0 + steps * math.log(value / low)), 1.0), top))
     return np.int64(raws[table, RAWS + np.int64(min(max(value, 0.0), 255.0))])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -201,7 +202,7 @@ def _log_table(low: float, high: float, bits: int) -> np.ndarray:
     """A row of look-up tables: raw 0 → 0, raw r ≥ 1 → low (high/low)^((r−1)/(top−1))."""
     row, top = np.zeros(2 * TABLE_SIZE + 3), (1 << bits) - 1
     row[1 : top + 1] = low * (high / low) ** (np.arange(top) / (top - 1))
-    row[2 * TABLE_SIZE :] = low, high, top
+    row[2 * TABLE_SIZE :] = low, top, (top - 1.0) / math.log(high / low)
     return row
 
 

@@ -1,7 +1,7 @@
 """Signals in CAN frames, as a DBC file lays them out: whole batches of frames at once, in place, by compiled kernels.
 
 cantools reads the DBC when the program starts; its messages become small tables, which the kernels walk. Drive families build
-their own tables from a `MessageLayout` (hal.drives.limb_fd); anything else uses `Codec.encode` and `Codec.decode`.
+their own tables from a `MessageLayout` (hal.drives.program); anything else uses `Codec.encode` and `Codec.decode`.
 
 Physical values are float64. A raw value is round-half-even((value − offset) / scale), as in cantools; what does not fit the
 signal's bits saturates.

@@ -40,7 +40,7 @@ class JointDrives:
         n = len(description.joints)
         self.counters = np.zeros((len(description.channels), 3), np.int64)
         self.refused = self.lost = 0
-        self.state, self.targets = JointState(n), DriveTargets(n)
+        self.state, self.targets = JointState(n), DriveTargets(n, len(description.devices))
         self.state.position[:] = description.home_position()
         self.life = np.full(n, State.SWITCH_ON_DISABLED, np.uint8)
         self.silent = np.zeros(n, bool)

@@ -23,7 +23,12 @@ class Node:
     """Drives on a hub: they follow controlwords, and answer when Sync comes."""
 
     def __init__(self, hub: Hub, protocol: LimbProtocol, n: int):
-        self.hub, self.protocol, self.targets, self.state = hub, protocol, DriveTargets(n), JointState(n)
+        self.hub, self.protocol, self.targets, self.state = (
+            hub,
+            protocol,
+            DriveTargets(n, len(protocol.devices)),
+            JointState(n),
+        )
         self.life = np.full(n, State.SWITCH_ON_DISABLED, np.uint8)
         self.silent = np.zeros(n, bool)
         self.previous = np.zeros(n, np.uint8)

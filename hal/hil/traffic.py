@@ -63,7 +63,7 @@ class Traffic:
 
     def _role(self, rows: npt.NDArray[np.int64]) -> _Role:
         n = len(self._description.joints)
-        targets, state = DriveTargets(n), JointState(n)
+        targets, state = DriveTargets(n, len(self._protocol.devices)), JointState(n)
         # A frame may have been corrupted: look at a few.
         for row in rows[:8]:
             record = self.records[row : row + 1].copy()

@@ -1,7 +1,8 @@
 """Compiled kernels that walk a robot's frame program (hal.drives.program): the same for every drive family, allocating nothing.
 
 A program's tables: `frames` (f, FRAME_COLUMNS), its messages; `ops` (o, OP_COLUMNS) and `scales` (o, 4), their signals;
-`lookups` (t, 515), of each table value by raw, raw by value, and the logarithmic scale's low end, largest raw and steps per e-fold;
+`lookups` (t, LOOKUP_COLUMNS), of each table value by raw; raw by value, or of a logarithmic scale the least value by raw; the
+scale's low end, largest raw, steps an octave and nearly its low end's binary logarithm;
 `ids` (channels, 2048), identifier → frame; `long_ids` (2, m), sorted keys of 29-bit identifiers, and their frames; `payloads`.
 `words` are records (hal.can.frames). Tables that belong together travel as one array, from which a kernel makes them again: each
 argument of a compiled function costs about as much as a frame's decoding.
@@ -15,8 +16,21 @@ import numpy as np
 from numba import njit
 
 from hal.can.arbitration import bus_of
-from hal.can.codec import BIG_ENDIAN, FLOAT, HIGH, LOW, OFFSET, SCALE, SIGNED, get_big_endian, get_bits, put_big_endian
+from hal.can.codec import (
+    BIG_ENDIAN,
+    FLOAT,
+    HIGH,
+    LOW,
+    OFFSET,
+    SCALE,
+    SIGNED,
+    get_big_endian,
+    get_bits,
+    put_big_endian,
+    put_bits,
+)
 from hal.can.frames import DATA, EXTENDED, FD, WORDS
+from hal.drives.borrowing import borrowed
 from hal.drives.crc import crc_of
 from hal.drives.fields import (
     ALGORITHM,
@@ -35,11 +49,14 @@ from hal.drives.fields import (
     KIND,
     LAW,
     LENGTH,
+    MASK,
     OP_COLUMNS,
     PAYLOAD,
+    PLAIN,
     ROLE,
     ROW,
     SEQUENCE,
+    SHIFT,
     START,
     TABLE,
     TIME,
@@ -61,8 +78,8 @@ COMMANDED, CONTROLLED, WORD, ECHO, WATCHDOG, HEARD = range(6)
 """Rows of a target's flags (6, n) uint8: was commanded, was controlled, controlword, sequence, watchdog, any frame ever came."""
 SYNCS, HOLDS, CYCLE, REQUESTS, REPEATED = range(5)
 """Entries of what the drive side learns about the host."""
-RAWS, LOGS = 256, 512
-"""Where raws by value, and the logarithmic scale, begin in a row of the look-up tables."""
+RAWS, LOGS, LOOKUP_COLUMNS = 256, 512, 516
+"""Where raws by value (of a logarithmic scale: least values by raw), and the scale, begin in a row of the look-up tables."""
 MOST_REQUESTS = 32
 """parameter requests or replies that one batch may hold; more are dropped, their askers ask again"""
 
@@ -101,11 +118,12 @@ def packed(frames, ops, scales, lookups, ids, long_ids, payloads):
 @njit(cache=True)
 def _tables(code):
     """frames, ops, scales, lookups, ids, long_ids, payloads"""
+    code = borrowed(code)
     return (
         code[8 : code[0]].reshape(-1, FRAME_COLUMNS),
         code[code[0] : code[1]].reshape(-1, OP_COLUMNS),
         code[code[1] : code[2]].view(np.float64).reshape(-1, 4),
-        code[code[2] : code[3]].view(np.float64).reshape(-1, LOGS + 3),
+        code[code[2] : code[3]].view(np.float64).reshape(-1, LOOKUP_COLUMNS),
         code[code[3] : code[4]].reshape(code[7], 2048),
         code[code[4] : code[5]].reshape(2, (code[5] - code[4]) // 2),
         code[code[5] : code[6]].view(np.uint64),
@@ -115,6 +133,7 @@ def _tables(code):
 @njit(cache=True)
 def _measured_rows(memory, n):
     """table, times, status, bytes of a JointState (hal.joint)"""
+    memory = borrowed(memory)
     octets = memory[6 * n :].view(np.uint8)
     return (
         memory[: 4 * n].view(np.float64).reshape(4, n),
@@ -129,42 +148,63 @@ def _measured_rows(memory, n):
 
 @njit(inline="always")
 def _put(words, first, ops, o, raw):
-    length, start = ops[o, LENGTH], ops[o, START]
-    bits = np.uint64(raw)
-    if length < 64:
-        bits &= (np.uint64(1) << np.uint64(length)) - np.uint64(1)
-    if ops[o, KIND] & BIG_ENDIAN:
-        put_big_endian(words, first, start, length, bits)
+    bits, word = np.uint64(raw) & np.uint64(ops[o, MASK]), ops[o, PLAIN]
+    if word >= 0:
+        words[first + word] |= bits << np.uint64(ops[o, SHIFT])
     else:
-        word, shift = first + (start >> 6), start & 63
-        words[word] |= bits << np.uint64(shift)
-        if shift + length > 64:
-            words[word + 1] |= bits >> np.uint64(64 - shift)
+        _put_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND], bits)
 
 
 @njit(inline="always")
 def _bits(words, first, ops, o):
-    length, start = ops[o, LENGTH], ops[o, START]
-    if ops[o, KIND] & BIG_ENDIAN:
-        bits = get_big_endian(words, first, start, length)
+    word = ops[o, PLAIN]
+    if word >= 0:
+        bits = words[first + word] >> np.uint64(ops[o, SHIFT]) & np.uint64(ops[o, MASK])
     else:
-        word, shift = first + (start >> 6), start & 63
-        bits = words[word] >> np.uint64(shift)
-        if shift + length > 64:
-            bits |= words[word + 1] << np.uint64(64 - shift)
-        if length < 64:
-            bits &= (np.uint64(1) << np.uint64(length)) - np.uint64(1)
+        bits = _bits_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND])
     return bits
 
 
 @njit(cache=True)
-def _looked_up(value, low, top, steps, raws, table):
+def _put_across(words, first, start, length, kind, bits):
+    if kind & BIG_ENDIAN:
+        put_big_endian(words, first, start, length, bits)
+    else:
+        put_bits(words, first, start, length, bits)
+
+
+@njit(cache=True)
+def _bits_across(words, first, start, length, kind):
+    if kind & BIG_ENDIAN:
+        return get_big_endian(words, first, start, length)
+    return get_bits(words, first, start, length)
+
+
+@njit(cache=True)
+def log2_nearly(value):
+    """The binary logarithm of a positive normal number, to 0.01: its exponent, and a parabola through the octave's ends."""
+    bits = np.float64(value).view(np.int64)
+    rest = (bits & ((1 << 52) - 1)) * 2.0**-52
+    return (bits >> 52) - 1023 + rest * (1.34 - 0.34 * rest)
+
+
+@njit(cache=True)
+def _looked_up(value, lookups, table):
     """The raw integer of a value by a look-up table."""
-    if low > 0.0:
-        if value < 0.5 * low:
-            return np.int64(0)
-        return np.int64(min(max(np.rint(1.0 + steps * math.log(value / low)), 1.0), top))
-    return np.int64(raws[table, RAWS + np.int64(min(max(value, 0.0), 255.0))])
+    low = lookups[table, LOGS]
+    if low <= 0.0:
+        return np.int64(lookups[table, RAWS + np.int64(min(max(value, 0.0), 255.0))])
+    if value < 0.5 * low:
+        return np.int64(0)
+    # A guess that is seldom off by one, then the table.
+    top = np.int64(lookups[table, LOGS + 1])
+    guess = 1.5 + lookups[table, LOGS + 2] * (log2_nearly(value) - lookups[table, LOGS + 3])
+    raw = np.int64(min(max(guess, 1.0), lookups[table, LOGS + 1]))
+    while raw < top and value >= lookups[table, RAWS + raw + 1]:
+        raw += 1
+    while value < lookups[table, RAWS + raw]:
+        raw -= 1
+    return raw
 
 
 @njit(cache=True)
@@ -208,9 +248,7 @@ def _put_value(words, first, ops, scales, lookups, o, value):
             raw = np.rint((value - scales[o, OFFSET]) / scales[o, SCALE])
             _put(words, first, ops, o, np.int64(min(max(raw, scales[o, LOW]), scales[o, HIGH])))
         else:
-            code = _looked_up(
-                value, lookups[table, LOGS], lookups[table, LOGS + 1], lookups[table, LOGS + 2], lookups, table
-            )
+            code = _looked_up(value, lookups, table)
             # Tables may share a signal: the first that has something to say does.
             if code > 0 and _bits(words, first, ops, o) == 0:
                 _put(words, first, ops, o, code)
@@ -276,7 +314,8 @@ def _frame_of(words, k, ids, long_ids):
 @njit(cache=True)
 def encode_commands(words, begin, end, code, table, mode, sequence, watchdog):
     """Commands of the frames begin..end; how many, or −1 − (8 joint + field) for the first value that is not finite."""
-    frames, ops, scales, lookups, _, _, _ = _tables(code)
+    words, table, mode = borrowed(words), borrowed(table), borrowed(mode)
+    frames, ops, scales, lookups, _, _, _ = borrowed(_tables(code))
     for f in range(begin, end):
         k = f - begin
         _begin(words, k, np.uint64(frames[f, HEAD]))
@@ -311,7 +350,8 @@ def encode_commands(words, begin, end, code, table, mode, sequence, watchdog):
 @njit(cache=True)
 def encode_control(words, begin, end, code, controlwords, sequence):
     """Controlwords in the frames begin..end; how many."""
-    frames, ops, _, _, _, _, payloads = _tables(code)
+    words, controlwords = borrowed(words), borrowed(controlwords)
+    frames, ops, _, _, _, _, payloads = borrowed(_tables(code))
     for f in range(begin, end):
         k = f - begin
         _begin(words, k, np.uint64(frames[f, HEAD]))
@@ -334,7 +374,8 @@ def encode_control(words, begin, end, code, controlwords, sequence):
 @njit(cache=True)
 def encode_cycle(words, begin, end, code, cycle):
     """Sync or HoldTime in the frames begin..end; how many."""
-    frames, ops, _, _, _, _, _ = _tables(code)
+    words = borrowed(words)
+    frames, ops, _, _, _, _, _ = borrowed(_tables(code))
     for f in range(begin, end):
         _begin(words, f - begin, np.uint64(frames[f, HEAD]))
         for o in range(frames[f, FIRST], frames[f, END]):
@@ -350,8 +391,9 @@ def _finite(value):
 @njit(cache=True)
 def encode_status(words, begin, end, code, answer, measured, mode, time_us):
     """Answers of the joints that owe one, in the frames begin..end; how many."""
-    frames, ops, scales, lookups, _, _, _ = _tables(code)
-    table, _, status, octets = _measured_rows(measured, mode.shape[0])
+    words, answer, mode = borrowed(words), borrowed(answer), borrowed(mode)
+    frames, ops, scales, lookups, _, _, _ = borrowed(_tables(code))
+    table, _, status, octets = borrowed(_measured_rows(measured, mode.shape[0]))
     k = 0
     for f in range(begin, end):
         if not answer[frames[f, ENTITY]]:
@@ -427,11 +469,17 @@ def _measured(words, k, time_op, ops, clocks, row):
     if math.isnan(clocks[row]):
         clocks[row] = behind
         return arrived
-    late = (behind - clocks[row] + wrap / 2) % wrap - wrap / 2
+    late = behind - clocks[row]
+    if late >= wrap / 2:
+        late -= wrap
+    elif late < -wrap / 2:
+        late += wrap
     if late <= 0.0:
         clocks[row] = behind
         return arrived
-    clocks[row] = (clocks[row] + late * _DRIFT) % wrap
+    clocks[row] += late * _DRIFT
+    if clocks[row] >= wrap:
+        clocks[row] -= wrap
     return arrived - np.int64(late * 1000.0)
 
 
@@ -454,8 +502,15 @@ def decode_status(
     words, n, code, joints, joint_memory, devices, device_memory, device_sequence, clocks, sent, parameters
 ):
     """Host side. The last row of `parameters` becomes (good, refused, repeated, parameter replies)."""
-    frames, ops, scales, lookups, ids, long_ids, _ = _tables(code)
-    table, times, status, octets = _measured_rows(joint_memory, joints)
+    words, device_memory, device_sequence, clocks, parameters = (
+        borrowed(words),
+        borrowed(device_memory),
+        borrowed(device_sequence),
+        borrowed(clocks),
+        borrowed(parameters),
+    )
+    frames, ops, scales, lookups, ids, long_ids, _ = borrowed(_tables(code))
+    table, times, status, octets = borrowed(_measured_rows(joint_memory, joints))
     values = device_memory[: 16 * devices].view(np.float64).reshape(devices, 16)
     device_times = device_memory[16 * devices :].reshape(2, devices)
     good, refused, repeated, replies, last = 0, 0, 0, 0, parameters.shape[0] - 1
@@ -524,7 +579,16 @@ def decode_status(
 def decode_host(words, n, code, table, mode, flags, device_values, device_flags, parameters, check):
     """Drive side. (good, refused); the last row of `parameters` learns about the host; `check`: commands whose sequence does not
     go on count for nothing."""
-    frames, ops, scales, lookups, ids, long_ids, payloads = _tables(code)
+    words, table, mode, flags, device_values, device_flags, parameters = (
+        borrowed(words),
+        borrowed(table),
+        borrowed(mode),
+        borrowed(flags),
+        borrowed(device_values),
+        borrowed(device_flags),
+        borrowed(parameters),
+    )
+    frames, ops, scales, lookups, ids, long_ids, payloads = borrowed(_tables(code))
     flags[COMMANDED, :] = 0
     flags[CONTROLLED, :] = 0
     device_flags[COMMANDED, :] = 0
@@ -606,7 +670,8 @@ def decode_host(words, n, code, table, mode, flags, device_values, device_flags,
 def encode_device_commands(words, begin, end, code, values, commanded, due, sequence, watchdog):
     """Commands of the devices that somebody commands and that are due; how many, or −1 − (16 row + column) for the first value
     that is not finite."""
-    frames, ops, scales, lookups, _, _, _ = _tables(code)
+    words, values, commanded, due = borrowed(words), borrowed(values), borrowed(commanded), borrowed(due)
+    frames, ops, scales, lookups, _, _, _ = borrowed(_tables(code))
     k = 0
     for f in range(begin, end):
         entity = frames[f, ENTITY]
@@ -636,7 +701,8 @@ def encode_device_commands(words, begin, end, code, values, commanded, due, sequ
 @njit(cache=True)
 def encode_device_status(words, begin, end, code, values, due, sequences, time_us):
     """What the devices that are due have measured; how many. Each frame has the next sequence number of its device."""
-    frames, ops, scales, lookups, _, _, _ = _tables(code)
+    words, values, due, sequences = borrowed(words), borrowed(values), borrowed(due), borrowed(sequences)
+    frames, ops, scales, lookups, _, _, _ = borrowed(_tables(code))
     k = 0
     for f in range(begin, end):
         entity = frames[f, ENTITY]
@@ -665,7 +731,8 @@ def encode_device_status(words, begin, end, code, values, due, sequences, time_u
 @njit(cache=True)
 def encode_parameter(words, f, code, parameter):
     """A parameter request or reply from a row as `_take_parameter` makes it."""
-    frames, ops, _, _, _, _, _ = _tables(code)
+    words, parameter = borrowed(words), borrowed(parameter)
+    frames, ops, _, _, _, _, _ = borrowed(_tables(code))
     _begin(words, 0, np.uint64(frames[f, HEAD]))
     for o in range(frames[f, FIRST], frames[f, END]):
         field = ops[o, FIELD]

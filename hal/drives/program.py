@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hal.can.codec import MessageLayout
+from hal.can.codec import BIG_ENDIAN, MessageLayout
 from hal.can.frames import EXTENDED
 from hal.drives import fields
 from hal.drives.family import Family, Message, Signal, load, number, placeholders, signal_of, table
 from hal.drives.fields import FRAME_COLUMNS, OP_COLUMNS, Field, Role
-from hal.drives.kernels import packed
+from hal.drives.kernels import LOGS, LOOKUP_COLUMNS, RAWS, log2_nearly, packed
 from hal.drives.lifecycle import Command
 from hal.joint import Mode
 
@@ -120,12 +120,17 @@ class Program:
         self, layout: MessageLayout, field: Field, row: int, column: int, signal: Signal, numbers: dict[str, int]
     ) -> int:
         op = [0] * OP_COLUMNS
-        op[fields.FIELD], op[fields.ROW], op[fields.COLUMN], op[fields.TABLE] = int(field), row, column, -1
+        op[fields.FIELD], op[fields.ROW], op[fields.COLUMN] = int(field), row, column
+        op[fields.TABLE] = op[fields.PLAIN] = -1
         scale = np.array([1.0, 0.0, 0.0, 0.0])
         if signal.signal:
             places, scales = layout.rows([signal.signal.format_map(numbers)])
             op[fields.START], op[fields.LENGTH], op[fields.KIND] = (int(value) for value in places[0])
             scale = scales[0]
+            start, length = op[fields.START], op[fields.LENGTH]
+            op[fields.MASK] = (1 << length) - 1 if length < 64 else -1
+            if not op[fields.KIND] & BIG_ENDIAN and start % 64 + length <= 64:
+                op[fields.PLAIN], op[fields.SHIFT] = start // 64, start % 64
             op[fields.TABLE] = self._table(signal, op[fields.LENGTH])
         elif signal.constant is not None:
             op[fields.COLUMN] = number(signal.constant, numbers)
@@ -162,7 +167,7 @@ class Program:
         self.frames = np.array([frame for _, frame in self._frames], np.int64).reshape(-1, FRAME_COLUMNS)
         self.ops = np.array(self._ops, np.int64).reshape(-1, OP_COLUMNS)
         self.scales = np.array(self._scales, np.float64).reshape(-1, 4)
-        self.lookups = np.array(self._table_rows or [np.zeros(2 * TABLE_SIZE + 3)])
+        self.lookups = np.array(self._table_rows or [np.zeros(LOOKUP_COLUMNS)])
         self.payloads = np.array(self._payloads or [0], np.uint64)
         self.ids = np.full((channels, 2048), -1, np.int64)
         long_ids: dict[int, int] = {}
@@ -200,15 +205,18 @@ def _in_order(message: Message, role: Role) -> list[tuple[Field, int, Signal]]:
 
 def _log_table(low: float, high: float, bits: int) -> np.ndarray:
     """A row of look-up tables: raw 0 → 0, raw r ≥ 1 → low (high/low)^((r−1)/(top−1))."""
-    row, top = np.zeros(2 * TABLE_SIZE + 3), (1 << bits) - 1
+    row, top = np.zeros(LOOKUP_COLUMNS), (1 << bits) - 1
     row[1 : top + 1] = low * (high / low) ** (np.arange(top) / (top - 1))
-    row[2 * TABLE_SIZE :] = low, top, (top - 1.0) / math.log(high / low)
+    # From where on a value is nearer to raw r than to the one below it.
+    row[RAWS + 1] = 0.5 * low
+    row[RAWS + 2 : RAWS + top + 1] = low * (high / low) ** ((np.arange(2, top + 1) - 1.5) / (top - 1))
+    row[LOGS:] = low, top, (top - 1.0) / math.log2(high / low), log2_nearly(low)
     return row
 
 
 def _value_table(given: dict[str, int | str]) -> np.ndarray:
     """A row of look-up tables: raw → value as given, the rest 0; of several raws of one value the first is what is sent."""
-    row = np.zeros(2 * TABLE_SIZE + 3)
+    row = np.zeros(LOOKUP_COLUMNS)
     for raw, value in reversed(table(given).items()):
         row[raw], row[TABLE_SIZE + value] = value, raw
     return row

@@ -133,6 +133,7 @@ class LimbProtocol:
         """answers so far whose sequence number did not go on: replays, and nodes that are stuck"""
         self.frames_a_cycle = n + 2 * d + len(description.limbs) + 4 * len(description.channels) + kernels.MOST_REQUESTS
         """Records that the longest of this protocol's batches fills."""
+        self._views: list[tuple[npt.NDArray[np.void], npt.NDArray[np.uint64]]] = []
         self._scratch, self._seen = frames.empty(self.frames_a_cycle), DriveTargets(n, d)
         self._warm(n, d)
 
@@ -144,7 +145,7 @@ class LimbProtocol:
         """
         self._sent = sequence & 0xFF
         count = kernels.encode_commands(
-            out.view(np.uint64), *self._command, self._code, command.table, command.mode, self._sent,
+            self._words(out), *self._command, self._code, command.table, command.mode, self._sent,
             min(max(watchdog, 0), 255),
         )  # fmt: skip
         if count < 0:
@@ -200,7 +201,7 @@ class LimbProtocol:
         """
         devices = self._no_devices if devices is None else devices
         kernels.decode_status(
-            records.view(np.uint64), n, self._code, len(state), state.memory, len(devices), devices.memory,
+            self._words(records), n, self._code, len(state), state.memory, len(devices), devices.memory,
             self._device_sequence, self._clocks, self._sent, self._parameters,
         )  # fmt: skip
         good, refused, repeated = self._counts[:_REPLIES].tolist()
@@ -244,7 +245,7 @@ class LimbProtocol:
         sequence number does not go on from that of the last frame counts for nothing.
         """
         return kernels.decode_host(
-            records.view(np.uint64), n, self._code, targets.command.table, targets.command.mode, targets.flags,
+            self._words(records), n, self._code, targets.command.table, targets.command.mode, targets.flags,
             targets.devices.values, targets.device_flags, targets.parameters, check_sequence,
         )  # fmt: skip
 
@@ -292,8 +293,9 @@ class LimbProtocol:
         count = 0
         for span in self._status:
             if span[0] != span[1]:
+                words = self._words(out) if count == 0 else out[count:].view(np.uint64)
                 count += kernels.encode_status(
-                    out[count:].view(np.uint64), *span, self._code, answer, state.memory, mode, time_ns // 1000 & 0xFFFFFFFF
+                    words, *span, self._code, answer, state.memory, mode, time_ns // 1000 & 0xFFFFFFFF
                 )  # fmt: skip
         return count
 
@@ -320,6 +322,14 @@ class LimbProtocol:
         out = JointCommand(len(command)) if out is None else out
         out.copy_from(self._seen.command)
         return out
+
+    def _words(self, records: npt.NDArray[np.void]) -> npt.NDArray[np.uint64]:
+        """The records as words; who works in the same array cycle by cycle has its view made once."""
+        for known, words in self._views:
+            if known is records:
+                return words
+        self._views = [(records, records.view(np.uint64)), *self._views[:1]]
+        return self._views[0][1]
 
     def _encode_parameter(self, f: int, row: tuple[int, ...], out: npt.NDArray[np.void]) -> int:
         return kernels.encode_parameter(out.view(np.uint64), f, self._code, np.array(row, np.int64))

@@ -71,17 +71,21 @@ DICTIONARY: dict[Parameter, Entry] = {
     Parameter.PROTOCOL_VERSION: _entry("", "r", "version of the frames that the drive speaks"),
     Parameter.FIRMWARE_VERSION: _entry("", "r", "major · 1000 + minor"),
     Parameter.SERIAL: _entry("", "r", "serial number, below 2^24"),
-    Parameter.TORQUE_KP: _entry("", "rw", "proportional gain of the torque loop on the spring, seed 003 eq. 2"),
-    Parameter.TORQUE_KD: _entry("s", "rw", "derivative gain of the torque loop on the spring"),
-    Parameter.OBSERVER_HZ: _entry("Hz", "rw", "bandwidth of the disturbance observer's filter; 0: no observer"),
-    Parameter.POSITION_KP: _entry("N·m/rad", "rw", "the drive's own position loop"),
-    Parameter.POSITION_KD: _entry("N·m·s/rad", "rw", "the drive's own position loop"),
-    Parameter.POSITION_KI: _entry("N·m/(rad·s)", "rw", "the drive's own position loop"),
+    Parameter.TORQUE_KP: _entry(
+        "", "rw", "proportional gain of the torque loop on the spring, seed 003 eq. 2; not while in operation"
+    ),
+    Parameter.TORQUE_KD: _entry("s", "rw", "derivative gain of the torque loop on the spring; not while in operation"),
+    Parameter.OBSERVER_HZ: _entry(
+        "Hz", "rw", "bandwidth of the disturbance observer's filter; 0: no observer; not while in operation"
+    ),
+    Parameter.POSITION_KP: _entry("N·m/rad", "rw", "the drive's own position loop; not while in operation"),
+    Parameter.POSITION_KD: _entry("N·m·s/rad", "rw", "the drive's own position loop; not while in operation"),
+    Parameter.POSITION_KI: _entry("N·m/(rad·s)", "rw", "the drive's own position loop; not while in operation"),
     Parameter.CURRENT_LIMIT: _entry("A", "rw", "of the motor"),
     Parameter.TORQUE_LIMIT: _entry("N·m", "rw", "of the set-point, at the joint"),
     Parameter.VELOCITY_LIMIT: _entry("rad/s", "rw", "of the joint"),
-    Parameter.POSITION_LOWER: _entry("rad", "rw", "the joint's lower end"),
-    Parameter.POSITION_UPPER: _entry("rad", "rw", "the joint's upper end"),
+    Parameter.POSITION_LOWER: _entry("rad", "rw", "the joint's lower end; not while in operation"),
+    Parameter.POSITION_UPPER: _entry("rad", "rw", "the joint's upper end; not while in operation"),
     Parameter.TEMPERATURE_WARNING: _entry(
         "°C", "rw", "of the motor, above which the statusword warns and torque is derated"
     ),

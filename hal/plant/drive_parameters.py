@@ -36,6 +36,8 @@ _LIMITS = {
     Parameter.POSITION_LOWER: "lower",
     Parameter.POSITION_UPPER: "upper",
 }
+# An end on the wrong side of the joint moves the set-point, and the joint with it.
+_ENDS = (Parameter.POSITION_LOWER, Parameter.POSITION_UPPER)
 _OFFSETS = {Parameter.ENCODER_OFFSET: "encoder_offset", Parameter.TORQUE_OFFSET: "torque_offset"}
 _HOTTEST = 150.0  # °C
 
@@ -88,6 +90,8 @@ class DriveParameters:
         if parameter in _POSITION_GAINS:
             if value < 0.0:
                 return ParameterResult.OUT_OF_RANGE
+            if self._in_operation(row):
+                return ParameterResult.WRONG_STATE
             getattr(self._drives.actuators, _POSITION_GAINS[parameter])[row] = value
             return ParameterResult.OK
         if parameter in _LIMITS:
@@ -127,6 +131,8 @@ class DriveParameters:
             fits = 0.0 < value <= widest + slack
         if not fits:
             return ParameterResult.OUT_OF_RANGE
+        if parameter in _ENDS and self._in_operation(row):
+            return ParameterResult.WRONG_STATE
         getattr(actuators, _LIMITS[parameter])[row] = value
         return ParameterResult.OK
 

@@ -104,12 +104,31 @@ def test_tuning_and_calibration_wait_until_the_drive_is_out_of_operation(host):
     for parameter in (
         Parameter.TORQUE_KP,
         Parameter.OBSERVER_HZ,
+        Parameter.POSITION_KP,
+        Parameter.POSITION_KD,
+        Parameter.POSITION_KI,
         Parameter.ENCODER_OFFSET,
         Parameter.TORQUE_OFFSET,
         Parameter.CALIBRATE,
     ):
         assert drives.write_parameter(ROW, parameter, 0.01) is ParameterResult.WRONG_STATE
     assert drives.write_parameter(ROW, Parameter.TORQUE_LIMIT, 30.0) is OK
+
+
+def test_no_parameter_that_is_written_in_operation_moves_the_joint(host):
+    host.command.mode[:] = Mode.POSITION
+    host.enable()
+    host.cycle(200)
+    world, drives = host.world, host.world.drives
+    before = world.position.copy()
+    elbow = float(before[ROW])
+    for parameter, value in ((Parameter.POSITION_KP, 1e9), (Parameter.POSITION_KI, 1e9), (Parameter.POSITION_KD, 1e9)):
+        assert drives.write_parameter(ROW, parameter, value) is ParameterResult.WRONG_STATE
+    upper = float(drives.actuators.upper[ROW])
+    for parameter, value in ((Parameter.POSITION_UPPER, elbow - 0.2), (Parameter.POSITION_LOWER, (elbow + upper) / 2)):
+        assert drives.write_parameter(ROW, parameter, value) is ParameterResult.WRONG_STATE
+    host.cycle(50)
+    np.testing.assert_allclose(world.position, before, atol=2e-3)
 
 
 def test_an_encoder_that_was_mounted_askew_is_calibrated_and_then_reads_right(robot):

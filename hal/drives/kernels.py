@@ -634,7 +634,7 @@ def decode_host(words, n, code, table, mode, flags, device_values, device_flags,
             if role == _R_COMMAND and flags[HEARD, entity]:
                 old = not 0 < ((sequence - flags[ECHO, entity]) & 0xFF) < _YOUNG
             elif role == _R_DEVICE_COMMAND and device_flags[HEARD, entity]:
-                old = sequence == device_flags[ECHO, entity]
+                old = not 0 < ((sequence - device_flags[ECHO, entity]) & 0xFF) < _YOUNG
             if check and old:
                 parameters[last, REPEATED] += 1
                 continue

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from hal.can import frames
 from hal.drives.fields import ENTITY, HEAD, Role
-from hal.drives.kernels import REQUESTS
+from hal.drives.kernels import HEARD, REQUESTS
 from hal.drives.lifecycle import CONTROLWORD, Command, State, statusword
 from hal.drives.parameters import ParameterResult
 from hal.drives.protocol import DriveTargets, LimbProtocol, ParameterRequest
@@ -176,15 +176,17 @@ class BusNode:
             self._drives.control(np.full(len(rows), CONTROLWORD[command]), rows)
 
     def _watch_devices(self) -> None:
-        """Disable devices whose commands have stayed away for longer than their watchdog says."""
+        """Disable devices whose commands have stayed away for longer than their watchdog says.
+
+        Whoever commands them then may count from anywhere.
+        """
         if not np.count_nonzero(self._heard >= 0):
             return
         patience = self._targets.device_watchdog * np.int64(self._world.description.period_ns)
-        late = (
-            (self._heard >= 0) & (self._enable >= 0) & (patience > 0) & (self._world.time_ns - self._heard > patience)
-        )
-        for row in np.flatnonzero(late).tolist():
+        late = (self._heard >= 0) & (patience > 0) & (self._world.time_ns - self._heard > patience)
+        self._heard[late] = _NEVER
+        self._targets.device_flags[HEARD, late] = 0
+        for row in np.flatnonzero(late & (self._enable >= 0)).tolist():
             values = self._targets.devices.values[row]
             values[self._enable[row]] = 0.0
-            self._heard[row] = _NEVER
             self._devices.command(row, values)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hal.can import frames
-from hal.drives.fields import HEAD, Role
+from hal.drives.fields import ENTITY, HEAD, Role
 from hal.drives.lifecycle import DriveError, State
 from hal.drives.parameter_client import ParameterClient, ParameterError
 from hal.drives.parameters import PROTOCOL_VERSION, Parameter
@@ -217,3 +217,34 @@ def test_devices_are_measured_and_a_gripper_stops_when_nobody_commands_it() -> N
         host.hardware.device_command.commanded[grip] = False
         host.run(host.description.watchdog_cycles + 10)
         assert host.hardware.devices.values[grip, 4] != State.OPERATION_ENABLED
+
+
+def test_a_gripper_command_that_comes_late_does_not_undo_the_stop() -> None:
+    with _host(robots.load("talos_upper_grippers")) as host:
+        grip = next(row for row, device in enumerate(host.description.devices) if device.family == "gripper")
+        program, node, gripper = host.protocol.program, host.line.node, host.line.world.devices.grippers[grip]
+        head = next(
+            int(program.frames[f, HEAD])
+            for f in range(*program.span(Role.DEVICE_COMMAND))
+            if program.frames[f, ENTITY] == grip
+        )
+        host.hardware.device_command.values[grip, :4] = gripper.upper, 1.0, 1.0, 1.0
+        host.hardware.device_command.commanded[grip] = True
+        host.run(20)
+        heard = host.line.heard
+        late = heard[(heard["can_id"] == head & 0xFFFFFFFF) & (heard["bus"] == head >> 48 & 0xFF)].copy()
+        assert len(late) == 1 and gripper.state is State.OPERATION_ENABLED
+        host.hardware.device_command.values[grip, 3] = 0.0
+        host.run(4)
+        assert gripper.state is not State.OPERATION_ENABLED
+        node.receive(late)
+        assert gripper.state is not State.OPERATION_ENABLED, "a frame from before the stop moved it"
+
+        # A host that begins anew counts from anywhere, once the gripper has stopped waiting for the one before.
+        host.hardware.device_command.commanded[grip] = False
+        host.run(host.description.watchdog_cycles + 3)
+        host.hardware.device_command.values[grip, 3] = 1.0
+        host.hardware.device_command.commanded[grip] = True
+        host.hardware._sequence = (int(late["data"][0, 8]) - 100) & 0xFF
+        host.run(2)
+        assert gripper.state is State.OPERATION_ENABLED

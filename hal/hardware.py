@@ -249,7 +249,8 @@ class Hardware:
         if not self._identified:
             count += self._ask_who(out[count:])
         count += self._protocol.encode_sync(cycle, out[count:])
-        self._ticks_due += 1
+        # More words than cycles: another process's Sync moved the plant, too. The next word is this cycle's.
+        self._ticks_due = max(self._ticks_due, self._ticks) + 1
         self._port.send(out[:count])
         self._asked = True
 

@@ -1,7 +1,8 @@
 """Who sends next: the order in which waiting frames get onto their buses, and when each of them ends.
 
 Every node has a first-in first-out transmit queue a bus, as SocketCAN has: the heads of the queues compete, and the lowest
-identifier wins (ISO 11898-1, 10.8: bitwise arbitration; of equal base identifiers the standard frame wins over the extended).
+identifier wins (ISO 11898-1, 10.8: bitwise arbitration; of equal base identifiers the standard frame wins over the extended, of
+equal identifiers the data frame over the remote request).
 """
 
 from __future__ import annotations
@@ -24,13 +25,20 @@ def bus_of(words, row):
 
 
 @njit(cache=True)
+def arbitration_field(can_id, extended, remote):
+    """The bits by which a frame competes, as a number: base identifier, IDE, the rest of the identifier, RTR. The lower wins."""
+    if extended:
+        return (can_id >> 18) << 20 | 1 << 19 | (can_id & 0x3FFFF) << 1 | remote
+    return can_id << 20 | remote
+
+
+@njit(cache=True)
 def priority(words, row):
     """Order on the bus: the lower wins."""
     head = words[WORDS * row + 1]
-    can_id = np.int64(head & np.uint64(0x1FFFFFFF))
-    if (head >> np.uint64(40)) & np.uint64(EXTENDED):
-        return (can_id >> 18) << 19 | 1 << 18 | (can_id & 0x3FFFF)
-    return can_id << 19
+    flags = np.int64((head >> np.uint64(40)) & _BYTE)
+    remote = 1 if flags & REMOTE else 0
+    return arbitration_field(np.int64(head & np.uint64(0x1FFFFFFF)), (flags & EXTENDED) != 0, remote)
 
 
 @njit(cache=True)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from hal.can.arbitration import bus_of, priority
+from hal.can.arbitration import arbitration_field, bus_of, priority
 from hal.can.confinement import (
     COLUMNS,
     ERROR_FRAME_BITS,
@@ -254,10 +254,10 @@ def _winner(s, bus):
             continue
         if _ready(queue, babble, link, counters, bus, who) <= first:
             babbled = babble[bus, who, 0]
-            if babbled > 0x7FF:
-                key = (babbled >> 18) << 19 | 1 << 18 | (babbled & 0x3FFFF)
+            if babbled >= 0:
+                key = arbitration_field(babbled, babbled > 0x7FF, 0)
             else:
-                key = babbled << 19 if babbled >= 0 else priority(s.pool, queue[bus, who, HEAD])
+                key = priority(s.pool, queue[bus, who, HEAD])
             if best < 0 or key < lowest:
                 best, lowest = who, key
     return first, best

@@ -16,6 +16,7 @@ from hal.can.counting import BUSY_NS, RECEIVED, SENT
 from hal.can.hub import Hub
 from hal.can.port import HubPort
 from hal.can.wire import BusLost
+from tests.can.conftest import Bench
 
 Join = Callable[..., HubPort]
 Make = Callable[..., np.ndarray]
@@ -51,6 +52,22 @@ def test_a_standard_identifier_wins_over_the_extended_one_with_the_same_base(
     one.send(extended)
     two.send(make_frames([0x100]))
     assert _ids(hub.poll(1.0)) == [0x100, 0x100 << 18]
+
+
+@pytest.mark.parametrize("timing", [False, True])
+@pytest.mark.parametrize("flags", [0, frames.EXTENDED])
+def test_a_data_frame_wins_over_a_remote_request_for_it(
+    bench: Callable[..., Bench], make_frames: Make, timing: bool, flags: int
+) -> None:
+    on = bench(timing=timing)
+    one, two, listener = on.join("one"), on.join("two"), on.join("listener")
+    request, data = make_frames([0x100], length=8), make_frames([0x100], length=8)
+    request["flags"], data["flags"] = flags | frames.REMOTE, flags
+    one.send(request)
+    two.send(data)
+    on.turn(0.01)
+    on.turn(1.0)
+    assert [int(frame["flags"]) & frames.REMOTE for frame in listener.receive(1.0)] == [0, frames.REMOTE]
 
 
 def test_the_drives_of_the_hubs_own_process_arbitrate_one_by_one(hub: Hub, join: Join, make_frames: Make) -> None:

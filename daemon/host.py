@@ -233,7 +233,11 @@ def up(
             typer.echo(f"{description.name}{where}, {clock.value} clock")
             typer.echo(f"runtime folder {place.folder}")
             drop_leftovers(place, description)
-            _serve(processes, place, port if link else None)
+            place.robot.write_text(f"{description.folder.resolve()}\n", encoding="utf-8")
+            try:
+                _serve(processes, place, port if link else None)
+            finally:
+                place.robot.unlink(missing_ok=True)
     except (ConfigError, UsageError) as error:
         typer.echo(f"handrail up: {error}", err=True)
         raise typer.Exit(2) from error

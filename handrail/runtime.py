@@ -66,6 +66,11 @@ class Runtime:
         return self.folder / "stop.sock"
 
     @property
+    def robot(self) -> Path:
+        """Text: the folder of the robot whose service runs here; there while it does."""
+        return self.folder / "robot"
+
+    @property
     def state_ring(self) -> Path:
         """Shared memory: what the loop writes each cycle, the server reads."""
         return self.folder / "state.ring"

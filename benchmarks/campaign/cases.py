@@ -7,16 +7,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from benchmarks.campaign.kinds import KINDS, PROCESS_KINDS
 from hal.can.faults import Fault
 from hal.hil.plant_process import SILENCE_S
 from handrail.robot.description import RobotDescription
 
 LENGTH_S = 3.8
 """of the motion in which the fault begins"""
-BUS_KINDS = ("drop", "delay", "duplicate", "reorder", "corrupt", "bit_error", "stuck", "babble", "bus_off", "cut")
 DRIVE_ERRORS = ("encoder", "overcurrent", "overtemperature", "communication", "internal")
-PROCESS_KINDS = ("loop_killed", "loop_frozen", "server_killed")
-KINDS = (*BUS_KINDS, "drive_error", *PROCESS_KINDS)
 _HOST = "daemon"
 
 

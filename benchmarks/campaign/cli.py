@@ -6,20 +6,18 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from benchmarks.campaign.cases import KINDS, draw
-from benchmarks.campaign.report import markdown, table, write_into
-from benchmarks.campaign.run import Row, carry_out
-from benchmarks.campaign.turn import ROBOT, SCENE, plan
-from hal.hil.nursery import Nursery
-from hal.hil.rig import PLANT_MODULE
-from handrail.robot import description as robots
+from benchmarks.campaign.kinds import KINDS
+
+if TYPE_CHECKING:
+    # All else is imported where it is used: plant and planner take seconds, help takes none.
+    from benchmarks.campaign.run import Row
 
 
 def campaign(
@@ -40,6 +38,8 @@ def campaign(
 
     Exit status 0: every run ended in success or in the safe state, never in motion beyond limits; 1: not.
     """
+    from benchmarks.campaign.report import markdown, table, write_into
+
     console = Console()
     if only and only not in KINDS:
         raise typer.BadParameter(f"got {only!r}; expected one of {', '.join(KINDS)}", param_hint="--only")
@@ -67,6 +67,13 @@ def campaign(
 
 def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Console) -> list[Row]:
     """Run these cases, each written to the file as soon as it is over."""
+    from benchmarks.campaign.cases import draw
+    from benchmarks.campaign.run import Line, carry_out
+    from benchmarks.campaign.turn import ROBOT, SCENE, plan
+    from hal.hil.nursery import Nursery
+    from hal.hil.rig import PLANT_MODULE
+    from handrail.robot import description as robots
+
     with console.status("planning the stroke"):
         turn = plan()
     description = robots.load(ROBOT)
@@ -94,7 +101,7 @@ def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Co
                     row = future.result()
                     assert row is not None
                     rows.append(row)
-                    file.write(msgspec.json.encode(_Line(seed=seed, row=row)) + b"\n")
+                    file.write(msgspec.json.encode(Line(seed=seed, row=row)) + b"\n")
                     file.flush()
                     bad = sum(row.verdict.outcome == "unsafe" for row in rows)
                     progress.update(bar, advance=1, description=f"faults ([red]{bad} unsafe[/])" if bad else "faults")
@@ -108,20 +115,15 @@ def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Co
     return rows
 
 
-class _Line(msgspec.Struct):
-    """A line of the campaign's file."""
-
-    seed: int
-    row: Row
-
-
 def _read(file: Path, seed: int) -> Iterator[Row]:
     """The runs of a campaign that was begun earlier. A last line that was cut off does not count."""
     if not file.exists():
         return
+    from benchmarks.campaign.run import Line
+
     for line in file.read_bytes().splitlines():
         try:
-            read = msgspec.json.decode(line, type=_Line)
+            read = msgspec.json.decode(line, type=Line)
         except msgspec.DecodeError:
             continue
         if read.seed == seed:

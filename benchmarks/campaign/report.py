@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from benchmarks.campaign.cases import KINDS
+from benchmarks.campaign.kinds import KINDS
 from benchmarks.campaign.run import Row
 
 COLUMNS = ("fault", "runs", "success", "safe state", "unsafe", "largest contact force", "fastest joint / its limit")

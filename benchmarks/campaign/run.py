@@ -45,6 +45,13 @@ class Row(msgspec.Struct, kw_only=True):
     """the run could not be carried out: why"""
 
 
+class Line(msgspec.Struct):
+    """A line of the campaign's file."""
+
+    seed: int
+    row: Row
+
+
 def carry_out(case: Case, turn: Turn, nursery: Nursery) -> Row:
     """Run one case. Never raises for what the robot does: that is what the verdict is for."""
     began = time.monotonic()

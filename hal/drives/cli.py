@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from hal.drives import docs as references
 from hal.drives import family as families
@@ -20,7 +20,7 @@ from handrail.config import ConfigError
 
 app = typer.Typer(help="Drive families and drives.", no_args_is_help=True, add_completion=False)
 
-_ROBOT = typer.Option("--robot", help="The robot's name or folder.")
+_ROBOT = typer.Option("--robot", help="The robot's name or folder.", show_default="the one that is up")
 _RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's")
 _INFO = (
     Parameter.PROTOCOL_VERSION, Parameter.FIRMWARE_VERSION, Parameter.SERIAL, Parameter.BUS_VOLTAGE,
@@ -36,7 +36,10 @@ def _group() -> None:
 @app.command("list")
 def list_families() -> None:
     """All drive families there are, a user's own (in the workspace's folder `drives`) first. Exit status 1: one can't be read."""
-    table, wrong = Table("family", "serves", "what", "messages", "from"), []
+    table, wrong = (
+        Table(Column("family", no_wrap=True), "serves", "what", "messages", Column("from", overflow="fold")),
+        [],
+    )
     for name in sorted(families.folders()):
         try:
             made = families.load(name)
@@ -74,7 +77,7 @@ def docs(
 def get(
     joint: Annotated[str, typer.Argument(help="A joint.")],
     parameter: Annotated[str, typer.Argument(help="A parameter's name or index.")],
-    robot: Annotated[str, _ROBOT] = "talos_upper",
+    robot: Annotated[str | None, _ROBOT] = None,
     runtime: Annotated[Path | None, _RUNTIME] = None,
 ) -> None:
     """Read one parameter of one drive. Exit status 1: refused, or no answer."""
@@ -88,7 +91,7 @@ def set_value(
     joint: Annotated[str, typer.Argument(help="A joint.")],
     parameter: Annotated[str, typer.Argument(help="A parameter's name or index.")],
     value: Annotated[float, typer.Argument(help="In the parameter's unit.")],
-    robot: Annotated[str, _ROBOT] = "talos_upper",
+    robot: Annotated[str | None, _ROBOT] = None,
     runtime: Annotated[Path | None, _RUNTIME] = None,
 ) -> None:
     """Write one parameter of one drive, until it loses power; prints what the drive made of it. Exit status 1: refused."""
@@ -101,11 +104,14 @@ def set_value(
 
 @app.command()
 def info(
-    robot: Annotated[str, _ROBOT] = "talos_upper",
+    robot: Annotated[str | None, _ROBOT] = None,
     runtime: Annotated[Path | None, _RUNTIME] = None,
 ) -> None:
     """What every drive says of itself. Exit status 1: one does not answer, or speaks another version of its protocol."""
-    table, wrong = Table("joint", "family", *(p.name.lower().replace("_", " ") for p in _INFO)), []
+    table, wrong = (
+        Table(Column("joint", no_wrap=True), "family", *map(_heading, _INFO), box=None, padding=(0, 1, 0, 0)),
+        [],
+    )
     with _client("info", robot, runtime, None) as (client, _, protocol):
         from hal.drives.parameter_client import ParameterError
 
@@ -121,16 +127,22 @@ def info(
                 continue
             if values[0] != expected:
                 wrong.append(f"{joint}: protocol version {values[0]:g}; expected {expected}")
-            units = [DICTIONARY[parameter].unit for parameter in _INFO]
-            shown = [f"{value:.9g} {unit}".rstrip() for value, unit in zip(values, units, strict=True)]
+            # Measurements have a unit and a few digits that matter; versions and serial numbers are whole.
+            measured = [bool(DICTIONARY[parameter].unit) for parameter in _INFO]
+            shown = [f"{v:.2f}" if unit else f"{v:.9g}" for v, unit in zip(values, measured, strict=True)]
             table.add_row(joint, protocol.program.joint_family[row], *shown)
     Console().print(table)
     if wrong:
         sys.exit("\n".join(f"handrail drives info: {line}" for line in wrong))
 
 
+def _heading(parameter: Parameter) -> str:
+    words, unit = parameter.name.lower().split("_"), DICTIONARY[parameter].unit
+    return f"{words[0]} {unit}" if unit else " ".join(words)
+
+
 @contextlib.contextmanager
-def _client(verb: str, robot: str, runtime: Path | None, joint: str | None) -> Iterator[tuple]:
+def _client(verb: str, robot: str | None, runtime: Path | None, joint: str | None) -> Iterator[tuple]:
     """(ParameterClient, row of the joint, protocol) on the buses of a robot that is up."""
     from hal.can.port import BusLost, open_port
     from hal.drives.parameter_client import ParameterClient
@@ -139,14 +151,22 @@ def _client(verb: str, robot: str, runtime: Path | None, joint: str | None) -> I
     from handrail.runtime import Runtime
 
     try:
+        place = Runtime.at(runtime, make=False)
+        if robot is None:
+            if not place.robot.is_file():
+                raise ValueError(
+                    f"no robot is up in {place.folder}; start one (handrail up), say where it is (--runtime), or name the robot "
+                    "of these buses (--robot)"
+                )
+            robot = place.robot.read_text(encoding="utf-8").strip()
         description = robots.load(robot)
         if joint is not None and joint not in description.joints:
             raise ValueError(f"joint {joint}: not on this robot; expected one of {', '.join(description.joints)}")
         protocol = LimbProtocol(description)
-        port = open_port(description, Runtime.at(runtime), timeout_s=1.0, name=f"drives {verb}")
+        port = open_port(description, place, timeout_s=1.0, name=f"drives {verb}")
         with contextlib.closing(port):
             yield ParameterClient(port, protocol), description.index(joint) if joint else -1, protocol
-    except (BusLost, ValueError) as error:
+    except (BusLost, OSError, ValueError) as error:
         sys.exit(f"handrail drives {verb}: {error}")
 
 

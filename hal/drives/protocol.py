@@ -135,6 +135,7 @@ class LimbProtocol:
         """Records that the longest of this protocol's batches fills."""
         self._views: list[tuple[npt.NDArray[np.void], npt.NDArray[np.uint64]]] = []
         self._scratch, self._seen = frames.empty(self.frames_a_cycle), DriveTargets(n, d)
+        self._fitting = self._heard = self._seen
         self._warm(n, d)
 
     def encode_commands(self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]) -> int:
@@ -242,12 +243,26 @@ class LimbProtocol:
         """Drive side: take the host's frames among the first n records into `targets`; returns (good, refused).
 
         Of several frames to one limb the last counts. What came in this batch begins anew. `check_sequence`: a command whose
-        sequence number does not go on from that of the last frame counts for nothing.
+        sequence number does not go on from that of the last frame counts for nothing. Targets without devices hear nothing
+        of what devices are told. Raises ValueError for targets of another robot.
         """
+        if targets is not self._fitting:
+            self._fitting, self._heard = targets, self._devices_of(targets)
+        devices = self._heard
         return kernels.decode_host(
             self._words(records), n, self._code, targets.command.table, targets.command.mode, targets.flags,
-            targets.devices.values, targets.device_flags, targets.parameters, check_sequence,
+            devices.devices.values, devices.device_flags, targets.parameters, check_sequence,
         )  # fmt: skip
+
+    def _devices_of(self, targets: DriveTargets) -> DriveTargets:
+        """Whose devices are told what the batch says: kernels do not look how long an array is."""
+        heard = targets if len(targets.devices) else self._seen
+        if len(targets.command) != len(self.joints) or len(heard.devices) != len(self.devices):
+            raise ValueError(
+                f"targets: room for {len(targets.command)} joints and {len(targets.devices)} devices; "
+                f"expected {len(self.joints)} and {len(self.devices)}, as the protocol has"
+            )
+        return heard
 
     def requests(self, targets: DriveTargets) -> list[ParameterRequest]:
         """Drive side: the parameter requests of the last batch, to drives that there are."""

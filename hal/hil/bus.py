@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import can
 import msgspec
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from hal.can import convert, frames
 from hal.can.control import BusReport, HubControl
-from hal.can.faults import Fault
+from hal.can.faults import Fault, Kind
 from hal.can.port import BusLost, HubPort
 from hal.drives.protocol import LimbProtocol
 from hal.hil.traffic import Traffic
@@ -157,7 +157,8 @@ class Bus:
         try:
             fault = msgspec.convert({"kind": kind, **fields}, Fault)
         except msgspec.ValidationError as problem:
-            raise ValueError(f"fault: {problem}") from problem
+            known = f"kinds are {', '.join(get_args(Kind))}; fields {', '.join(Fault.__struct_fields__[1:])}"
+            raise ValueError(f"fault: {problem}; got { ({'kind': kind, **fields}) }; {known}") from problem
         return LaidFault(self._control, self._control.add(fault), fault)
 
     def clear(self) -> None:

@@ -8,12 +8,14 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from hal.drives.lifecycle import State
 from hal.hil.door import Done, Door, Fail, Look, Place, Push, Seen, Transition
 from hal.hil.names import joints_of
 from handrail.messages import GroundTruth
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 
+_STATES = [state.name.lower() for state in State]
 _LOOK_S = 0.004
 POSITION_SLACK = 0.02
 """rad beyond a position limit that is still called within it: the bus's and the spring's give"""
@@ -60,6 +62,8 @@ class Plant:
 
     def wait_state(self, joints: str | Iterable[str], state: str, timeout_s: float = 20.0) -> int:
         """Wait until drives are all in a CiA 402 state; ns of the plant's clock. Raises AssertionError naming the others."""
+        if state not in _STATES:
+            raise ValueError(f"state: {state!r}; expected one of {', '.join(_STATES)}")
         deadline = time.monotonic() + timeout_s
         wanted = joints_of(self._description, joints)
         while True:

@@ -48,6 +48,8 @@ def handrail_nursery() -> Iterator[Nursery]:
 @pytest.fixture
 def handrail_rig(request: pytest.FixtureRequest, handrail_nursery: Nursery) -> Iterator[Rig]:
     """The test's processes and handles; the other fixtures are parts of it."""
+    import msgspec
+
     from hal.hil.rig import Options, Rig
 
     marked: dict[str, Any] = {}
@@ -58,6 +60,10 @@ def handrail_rig(request: pytest.FixtureRequest, handrail_nursery: Nursery) -> I
     known = [field.name for field in dataclasses.fields(Options)]
     if unknown := [name for name in marked if name not in known]:
         raise pytest.UsageError(f"@pytest.mark.{MARK}: {', '.join(unknown)}; expected {', '.join(known)}")
+    try:
+        msgspec.convert(marked, Options)
+    except msgspec.ValidationError as error:
+        raise pytest.UsageError(f"@pytest.mark.{MARK}: {error}; got {marked}") from error
     rig = Rig(Options(**marked), handrail_nursery)
     request.node.stash[_RIG] = rig
     yield rig

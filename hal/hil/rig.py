@@ -6,6 +6,7 @@ import contextlib
 import shutil
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -131,11 +132,11 @@ class Rig:
         lines: list[str] = []
         if self._bus is not None:
             for name in ("bus.asc", "bus.blf"):
-                lines.append(f"capture: {self._bus.save(folder / name)}")
+                lines.append(f"capture: {self._kept(self._bus.save, folder / name)}")
             with contextlib.suppress(ConnectionError):
                 lines += [f"fault on the bus: {fault}" for fault in self._bus.report().faults.values()]
         if self._daemon is not None:
-            lines.append(f"recording: {self._record(folder / 'recording.mcap')}")
+            lines.append(f"recording: {self._kept(self._record, folder / 'recording.mcap')}")
         for process in [
             *([self._process] if self._process else []),
             *(self._daemon.processes() if self._daemon else []),
@@ -145,6 +146,14 @@ class Rig:
             lines.append(f"{process.name} {'runs' if process.alive else 'has ended'}: {log}")
             lines += [f"  | {line}" for line in process.lines[-5:]]
         return lines
+
+    @staticmethod
+    def _kept(save: Callable[[Path], Path], file: Path) -> str:
+        """The file's path, or why there is none: a test's report does not fail over its evidence."""
+        try:
+            return str(save(file))
+        except Exception as error:  # noqa: BLE001
+            return f"{file} could not be written: {type(error).__name__}: {error}"
 
     def _record(self, file: Path) -> Path:
         assert self._daemon is not None

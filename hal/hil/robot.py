@@ -37,6 +37,7 @@ class Robot:
 
     def begin(self, joint: str, by: float, duration: float = 1.0) -> str:
         """Start a minimum-jerk motion of one joint by so many rad; the action's id."""
+        (joint,) = joints_of(self.description, joint)
         here = self.position(joint)
         u = np.linspace(0.0, 1.0, _KNOTS)
         share = u**3 * (10 - 15 * u + 6 * u * u)

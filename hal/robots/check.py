@@ -57,6 +57,10 @@ class Row(msgspec.Struct, frozen=True):
     expected: str
     holds: bool
 
+    def __post_init__(self) -> None:
+        # A numpy.bool is no bool for whoever writes rows out.
+        msgspec.structs.force_setattr(self, "holds", bool(self.holds))
+
 
 def check(description: RobotDescription) -> Iterator[Row]:
     """All rows, one after the other as they are found."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
+from collections.abc import Sized
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +12,7 @@ import msgspec
 import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from handrail.config import ConfigError
 from handrail.robot import description as robots
@@ -26,22 +28,29 @@ def _group() -> None:
 @app.command("list")
 def list_robots() -> None:
     """All robots: those of your workspace and those that come with Handrail."""
-    table = Table("robot", "drives", "network", "devices", "base", "folder")
-    bad = 0
+    table = Table(
+        Column("robot", no_wrap=True), "drives", "network", "devices", "base", Column("folder", overflow="fold")
+    )
+    wrong = []
     for name, file in sorted(robots.library().items()):
         try:
             robot = robots.load(str(file.parent))
         except ConfigError as error:
-            bad += 1
-            table.add_row(name, f"[red]{error}[/red]")
+            table.add_row(name, "", "[red]can't be read[/red]", "", "", str(file.parent))
+            wrong.append(f"handrail robot list: {error}")
             continue
-        devices = ", ".join(device.name for device in robot.devices) or "none"
-        limbs = f"{len(robot.limbs)} limbs on {len(robot.channels)} channels"
+        kinds = Counter(device.family for device in robot.devices)
+        devices = ", ".join(f"{count} {family}" if count > 1 else family for family, count in kinds.items()) or "none"
+        limbs = f"{_count(robot.limbs, 'limb')} on {_count(robot.channels, 'channel')}"
         base = robot.base if robot.base == "fixed" else f"free, {'hung' if robot.support == 'gantry' else 'standing'}"
         table.add_row(name, str(len(robot.joints)), limbs, devices, base, str(file.parent))
     Console().print(table)
-    if bad:
-        sys.exit(1)
+    if wrong:
+        sys.exit("\n".join(wrong))
+
+
+def _count(things: Sized, word: str) -> str:
+    return f"{len(things)} {word}{'' if len(things) == 1 else 's'}"
 
 
 @app.command()

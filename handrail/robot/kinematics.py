@@ -50,11 +50,12 @@ class Kinematics:
         return self._q
 
     def frame_id(self, name: str) -> int:
-        """pinocchio's index of a frame. Raises KeyError when the model has none of that name."""
+        """pinocchio's index of a frame: the link's where a joint has the same name. Raises KeyError when there is none."""
         if name not in self._frames:
             if not self.model.existFrame(name):
                 raise KeyError(name)
-            self._frames[name] = self.model.getFrameId(name)
+            link = self.model.existFrame(name, pin.BODY)
+            self._frames[name] = self.model.getFrameId(name, pin.BODY) if link else self.model.getFrameId(name)
         return self._frames[name]
 
     def frame(self, position: np.ndarray, name: str) -> pin.SE3:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from hal.can import frames
+from hal.device import DeviceCommand
 from hal.drives import crc, family
 from hal.drives.lifecycle import DriveError, State, statusword
 from hal.drives.parameters import DICTIONARY, Parameter, ParameterResult, find
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.joint import JointCommand, JointState
 from handrail.config import ConfigError
+from handrail.robot import description as robots
 from tests.drives.conftest import network
 
 _LIMB = network({"arm": ("limb_fd", 7), "torso": ("limb_fd", 4)})
@@ -246,3 +248,19 @@ def test_a_family_that_is_not_there_is_refused_by_name() -> None:
         LimbProtocol(network({"arm": ("imu", 2)}))
     with pytest.raises(ValueError, match="limb arm: answer master; family mit has no limb masters"):
         LimbProtocol(network({"arm": ("mit", 2)}, answer="master"))
+
+
+def test_targets_without_devices_hear_none_and_those_of_another_robot_are_refused():
+    robot = robots.load("z1")
+    protocol = LimbProtocol(robot)
+    out, command = frames.empty(protocol.frames_a_cycle), DeviceCommand(1)
+    command.values[:], command.commanded[:] = 0.25, True
+    count = protocol.encode_devices(command, np.ones(1, np.bool_), 1, 20, out)
+    assert count == 1
+    deaf, hearing = DriveTargets(6), DriveTargets(6, 1)
+    protocol.decode(out, count, deaf)
+    protocol.decode(out, count, hearing)
+    assert not deaf.devices.commanded.any() and hearing.devices.commanded.all()
+    for other in (DriveTargets(5, 1), DriveTargets(6, 2)):
+        with pytest.raises(ValueError, match="expected 6 and 1, as the protocol has"):
+            protocol.decode(out, count, other)

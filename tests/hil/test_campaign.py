@@ -12,7 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.campaign import cli
-from benchmarks.campaign.cases import KINDS, LENGTH_S, Case, draw
+from benchmarks.campaign.cases import LENGTH_S, Case, draw
+from benchmarks.campaign.kinds import KINDS
 from benchmarks.campaign.report import write_into
 from benchmarks.campaign.run import Row
 from benchmarks.campaign.verdict import FORCE_LIMIT_N, Verdict, judge

@@ -97,3 +97,18 @@ def test_a_drive_that_answers_the_same_for_ever_is_not_believed(robot):
         status = robot.daemon.wait_status(lambda status: not status.enabled, "the stuck drive is found out")
     assert not status.enabled
     robot.plant.wait_state("*", "quick_stop_active")
+
+
+@pytest.mark.handrail(robot="z1")
+def test_traffic_of_a_robot_with_a_gripper_is_told_apart(robot):
+    mark = robot.bus.mark
+    robot.plant.wait(0.1)
+    traffic = robot.bus.traffic(mark)
+    traffic.assert_commanded_every_cycle(["arm"])
+    traffic.assert_answered("*")
+    with pytest.raises(ValueError, match=r"kinds are drop.*fields channel"):
+        robot.bus.lay("dorp")
+    with pytest.raises(ValueError, match=r"asleep.*operation_enabled"):
+        robot.plant.wait_state("*", "asleep")
+    with pytest.raises(ValueError, match=r"jonit.*expected a joint"):
+        robot.begin("jonit", 0.1)

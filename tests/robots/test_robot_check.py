@@ -11,9 +11,10 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from hal.robots.check import check
+from hal.robots.check import Row, check
 from hal.robots.cli import app
 from handrail.robot import description
+from handrail.robot.kinematics import Kinematics
 
 BUILT_IN = sorted(file.parent.name for file in (Path(__file__).parents[2] / "hal" / "robots").glob("*/robot.yaml"))
 
@@ -22,6 +23,7 @@ BUILT_IN = sorted(file.parent.name for file in (Path(__file__).parents[2] / "hal
 def test_model_plant_and_network_of_a_robot_agree(name):
     rows = list(check(description.load(name)))
     assert not [row for row in rows if not row.holds]
+    assert msgspec.json.decode(msgspec.json.encode(rows), type=list[Row]) == rows
     assert {"model", "limits", "drives", "network"} <= {row.about for row in rows}
 
 
@@ -93,3 +95,11 @@ def test_the_how_tos_robot_loads_as_it_stands_there(tmp_path):
     assert told.devices == built_in.devices
     assert (told.stiffness == built_in.stiffness).all()
     assert (told.quick_stop_damping == built_in.quick_stop_damping).all()
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_the_recorders_frames_are_found_where_a_joint_and_a_link_share_their_name(name):
+    robot = description.load(name)
+    kinematics = Kinematics(robot)
+    for arm in robot.arms.values():
+        assert kinematics.model.frames[kinematics.frame_id(arm.tool)].name == arm.tool

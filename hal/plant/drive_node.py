@@ -176,6 +176,15 @@ class DriveNodes:
             # Until the drive is enabled anew, the host can read why it stopped.
             self.error[row] = DriveError.NONE
 
+    def _stop_left_alone(self) -> None:
+        """Of two drives that move their joints together, none does anything alone: where one is off, the other faults."""
+        powered = self.actuators.powered
+        for pitch, roll, _ in self.actuators.pairs:
+            if powered[pitch] != powered[roll]:
+                left = pitch if powered[pitch] else roll
+                if not self.brakes[left]:
+                    self.fail(left, DriveError.INTERNAL)
+
     def step(self, position: np.ndarray, velocity: np.ndarray, firmware_cycles: int) -> np.ndarray:
         """Go on by 1 ms for joints at `position` rad and `velocity` rad/s (n,). Returns the springs' torque N·m (n,).
 
@@ -191,6 +200,7 @@ class DriveNodes:
             actuators.limited, self.flags,
         ):  # fmt: skip
             self.brakes_moved = True
+        self._stop_left_alone()
         torque = actuators.step(position, velocity, firmware_cycles)
         self.now_ns += STEP_NS
         return torque

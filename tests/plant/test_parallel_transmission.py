@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hal.drives.lifecycle import DriveError, State
 from hal.joint import Mode
 from hal.plant.actuator import Actuators
 from hal.plant.actuator_model import actuators_of, sized_for
@@ -122,7 +123,9 @@ def test_the_limits_are_the_actuators_and_the_torques_keep_their_direction():
     assert actuators.limited.all()
 
 
-def test_a_robot_with_a_parallel_wrist_holds_it_and_moves_it(robot, kinematics, host):
+@pytest.fixture
+def wrist(robot, kinematics, host):
+    """A host that has enabled a robot whose wrist is a parallel one, and the wrist's rows."""
     rows = robot.index([ANKLE.pitch, ANKLE.roll])
     lower, upper = robot.lower.copy(), robot.upper.copy()
     lower[rows], upper[rows] = (-0.7, -0.5), (0.7, 0.5)
@@ -130,15 +133,32 @@ def test_a_robot_with_a_parallel_wrist_holds_it_and_moves_it(robot, kinematics, 
     model, (transmission,) = actuators_of(robot)
     assert model.torque_limit[rows[0]] == pytest.approx(transmission.rated(*robot.torque_limit[rows]))
     world = World(robot)
-    try:
-        host = type(host)(world, kinematics)
-        host.enable()
-        start = world.position.copy()
-        for cycle in range(400):
-            host.command.position[rows] = start[rows] + np.array([0.3, -0.2]) * min(1.0, cycle / 200)
-            host.cycle()
-        np.testing.assert_allclose(world.position[rows] - start[rows], [0.3, -0.2], atol=0.02)
-        others = np.delete(np.arange(len(start)), rows)
-        np.testing.assert_allclose(world.position[others], start[others], atol=0.01)
-    finally:
-        world.close()
+    host = type(host)(world, kinematics)
+    host.enable()
+    yield host, rows
+    world.close()
+
+
+def test_a_robot_with_a_parallel_wrist_holds_it_and_moves_it(wrist):
+    host, rows = wrist
+    world, start = host.world, host.world.position.copy()
+    for cycle in range(400):
+        host.command.position[rows] = start[rows] + np.array([0.3, -0.2]) * min(1.0, cycle / 200)
+        host.cycle()
+    np.testing.assert_allclose(world.position[rows] - start[rows], [0.3, -0.2], atol=0.02)
+    others = np.delete(np.arange(len(start)), rows)
+    np.testing.assert_allclose(world.position[others], start[others], atol=0.01)
+
+
+@pytest.mark.parametrize("broken", [0, 1])
+def test_where_one_of_two_actuators_fails_the_other_brakes_too(wrist, broken):
+    host, rows = wrist
+    drives = host.world.drives
+    drives.fail(rows[broken], DriveError.ENCODER)
+    host.cycle()
+    assert drives.brakes[rows].all(), "a joint without torque behind an open brake"
+    assert (drives.state[rows] == State.FAULT).all()
+    assert drives.error[rows[broken]] == DriveError.ENCODER
+    assert drives.error[rows[1 - broken]] == DriveError.INTERNAL
+    others = np.delete(np.arange(len(drives)), rows)
+    assert (drives.state[others] == State.OPERATION_ENABLED).all()

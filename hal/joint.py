@@ -41,8 +41,8 @@ class JointState:
         self.error, self.sequence = octets[2 * n : 4 * n].reshape(2, n)
         """drive family's error code, 0: none; sequence number of the command that this answers"""
         self.age, self.measured_ns = self.memory[4 * n : 6 * n].reshape(2, n)
-        """cycles since the last valid reply; when it was measured, on the clock of whoever runs the bus, but for the shortest
-        time that such a reply takes on its way"""
+        """cycles since the command was sent that the last valid reply answers; when it was measured, on the clock of whoever runs
+        the bus, but for the shortest time that such a reply takes on its way"""
         self.age[:] = 1 << 30
 
     def __len__(self) -> int:

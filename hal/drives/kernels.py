@@ -530,13 +530,15 @@ def decode_status(
                 _take_parameter(words, first, frames, f, ops, parameters, replies)
                 replies += 1
             continue
-        device, sequence, sequence_op = role == _R_DEVICE_STATUS, np.int64(0), frames[f, SEQUENCE]
+        device, sequence, sequence_op, lag = role == _R_DEVICE_STATUS, np.int64(0), frames[f, SEQUENCE], np.int64(0)
         if sequence_op >= 0:
             sequence = np.int64(get_bits(words, first, ops[sequence_op, START], ops[sequence_op, LENGTH]))
             if device:
                 new = _fresh(sequence, np.int64(device_sequence[entity]), device_times[0, entity], -1)
             else:
                 new = _fresh(sequence, np.int64(octets[1, entity]), times[0, entity], sent)
+                if sent >= 0:
+                    lag = (sent - sequence) & 0xFF
             if not new:
                 repeated += 1
                 continue
@@ -553,7 +555,7 @@ def decode_status(
                 values[row, ops[o, COLUMN]] = value
             elif field == _SEQUENCE:
                 if not device:
-                    times[0, row], times[1, row], octets[1, row] = 0, measured, sequence
+                    times[0, row], times[1, row], octets[1, row] = lag, measured, sequence
             elif field == _STATUS:
                 status[row] = np.uint16(np.int64(value))
             elif field == _ERROR:

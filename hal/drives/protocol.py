@@ -196,8 +196,9 @@ class LimbProtocol:
     ) -> tuple[int, int]:
         """Take the answers among the first n records into `state` and `devices`; returns (good, refused).
 
-        Refused are frames with a bad CRC or of the wrong format; other frames are passed over. A joint or device that was
-        heard gets age 0; the caller counts ages up once a cycle before this. Frames whose sequence number does not go on
+        Refused are frames with a bad CRC or of the wrong format; other frames are passed over. A device that was heard gets
+        age 0, a joint how many cycles ago what it answers was sent (0 where its frames echo no sequence number, or nothing was
+        sent yet); the caller counts ages up once a cycle before this. Frames whose sequence number does not go on
         count for nothing, but in `repeated`.
         """
         devices = self._no_devices if devices is None else devices

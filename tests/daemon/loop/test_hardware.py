@@ -34,6 +34,8 @@ class Node:
         self.previous = np.zeros(n, np.uint8)
         self.out = frames.empty(64)
         self.broken = False
+        self.delay = 0
+        self.pipe: list[np.ndarray] = []
         self.syncs = self.holds = 0
         self.commanded = False
 
@@ -54,7 +56,9 @@ class Node:
         count = self.protocol.encode_status(self.state, np.zeros(len(self.life), np.uint8), answer, self.out)
         if self.broken:
             self.out["data"][:count, 0] ^= 1
-        self.hub.transmit(self.out[:count])
+        self.pipe.append(self.out[:count].copy())
+        if len(self.pipe) > self.delay:
+            self.hub.transmit(self.pipe.pop(0))
 
 
 @pytest.fixture
@@ -144,6 +148,33 @@ def test_a_drive_that_stops_answering_is_late_then_lost(wired) -> None:
     cycle(hardware, node)
     assert hardware.first_lost() == hardware.first_silent() == 11
     assert hardware.stale_replies == LOST_AFTER
+
+
+def test_drives_whose_answers_always_come_late_are_as_old_as_what_they_answer(wired) -> None:
+    hardware, node = wired
+    node.delay = 3
+    for _ in range(node.delay + 1):
+        hardware.write(None, 0)
+        node.serve()
+    hardware.read()
+    assert (hardware.state.age == 3).all()
+    stale = hardware.stale_replies
+    for _ in range(5):
+        cycle(hardware, node)
+    assert (hardware.state.age == 3).all() and hardware.first_silent() == -1
+    assert hardware.stale_replies == stale + 5 * len(node.life)
+
+
+def test_drives_whose_answers_come_later_than_a_lost_drive_s_are_lost(wired) -> None:
+    hardware, node = wired
+    for delay, silent in ((LOST_AFTER, -1), (LOST_AFTER + 1, 0)):
+        node.delay = delay
+        while len(node.pipe) < delay:
+            hardware.write(None, 0)
+            node.serve()
+        cycle(hardware, node)
+        assert (hardware.state.age == delay).all()
+        assert hardware.first_silent() == silent
 
 
 def test_replies_with_a_bad_crc_are_counted_and_not_believed(wired) -> None:

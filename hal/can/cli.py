@@ -29,7 +29,7 @@ from hal.can.cli_options import (
     parse_filter,
 )
 from hal.can.replay import channel_of, read_log, replay
-from hal.drives import DBC_FILES
+from hal.drives.family import dbc_files
 
 app = typer.Typer(help="The CAN bus.", no_args_is_help=True, add_completion=False)
 
@@ -48,7 +48,10 @@ app.command()(cli_bus.up)
 @app.command()
 def dump(
     channel: Channels = None,
-    decode: Annotated[bool, typer.Option("--decode", help="Also say what every frame means, by the DBC.")] = False,
+    decode: Annotated[
+        bool,
+        typer.Option("--decode", help="Also say what every frame means, by all families' DBCs, your own first."),
+    ] = False,
     dbc: DbcFile = None,
     log: Annotated[
         Path | None, typer.Option(help="Also write frames to this file: .blf, .asc, .log (candump's), .csv, ...")
@@ -67,7 +70,7 @@ def dump(
     Exit status 0: ended as asked; 1: there is no bus, it ended, or wrong use.
     """
     with in_words("dump"):
-        decoder = Decoder(*([dbc] if dbc else DBC_FILES.values())) if decode or dbc else None
+        decoder = Decoder(*([dbc] if dbc else dbc_files().values())) if decode or dbc else None
         if log is not None:
             check_log(log)
         bus = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-dump", filters)
@@ -169,7 +172,7 @@ def send(
                     f"{frame}: got {signals[0]!r} behind it; expected no signals, since the data are given"
                 )
         else:
-            message = sending.encode_message(frame, signals or [], [dbc] if dbc else list(DBC_FILES.values()))
+            message = sending.encode_message(frame, signals or [], [dbc] if dbc else list(dbc_files().values()))
         bus = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-send")
         interrupt, sent = Interrupt(), 0
         try:

@@ -13,7 +13,7 @@ import typer
 from hal.can.capture import Decoder, Interrupt
 from hal.can.cli_options import BitRate, DataBitRate, DbcFile, Interface, RuntimeFolder, fail, in_words, open_bus
 from hal.can.interface import HandrailBus
-from hal.drives import DBC_FILES
+from hal.drives.family import dbc_files
 from handrail.runtime import Runtime
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def stats(
     from hal.can.control import HubControl
 
     with in_words("stats"):
-        decoder = Decoder(*([dbc] if dbc else DBC_FILES.values()))
+        decoder = Decoder(*([dbc] if dbc else dbc_files().values()))
         bus: HubControl | ListenedBus
         if interface == "handrail":
             bus = HubControl(Runtime.at(runtime, make=False).bus, timeout_s=1.0)

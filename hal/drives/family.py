@@ -140,6 +140,12 @@ def folders() -> dict[str, Path]:
     return found
 
 
+def dbc_files() -> dict[str, Path]:
+    """Family → DBC file, of all there are; a user's own come first."""
+    files = {name: folder / f"{name}.dbc" for name, folder in folders().items()}
+    return {name: file for name, file in files.items() if file.is_file()}
+
+
 def load(name: str) -> Family:
     """A family by name. Raises config.ConfigError with file, line, field and expectation; naming what there is."""
     known = folders()

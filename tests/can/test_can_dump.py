@@ -11,12 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import can
+import cantools
 import numpy as np
 import pytest
 
 from hal.can.capture import Decoder, line
 from hal.can.port import HubPort
 from hal.drives import DBC_FILES
+from hal.drives.family import dbc_files
 from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState
 
@@ -55,6 +57,25 @@ def test_a_message_is_said_in_signals_values_and_units() -> None:
     assert "can't be decoded" in decoder.text(short)
     for unknown in (can.Message(arbitration_id=0x7F0), can.Message(arbitration_id=0x80, is_extended_id=True)):
         assert decoder.text(unknown) == ""
+
+
+def test_the_dbcs_of_all_families_are_found_and_a_users_own_come_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "drives" / "own"
+    own.mkdir(parents=True)
+    (own / "family.yaml").write_text("name: own\n")
+    (own / "own.dbc").write_text('VERSION ""\n\nBU_: A\n\nBO_ 128 Mine: 1 A\n SG_ Speed : 0|8@1+ (1,0) [0|255] "" A\n')
+    for identifiers, workspace in ((set(), ""), ({"own"}, str(tmp_path))):
+        monkeypatch.setenv("HANDRAIL_WORKSPACE", workspace)
+        assert set(dbc_files()) == set(DBC_FILES) | identifiers
+    assert next(iter(dbc_files())) == "own"
+    decoder = Decoder(*dbc_files().values())
+    assert decoder.name(0x80, False) == "Mine"  # limb_fd's Sync
+    for family in DBC_FILES:
+        database = cantools.database.load_file(DBC_FILES[family])
+        told = [decoder.name(message.frame_id, message.is_extended_frame) for message in database.messages]
+        assert set(told) - {"Mine"} <= {message.name for message in database.messages}
 
 
 def _dump(folder: Path, *options: str) -> subprocess.Popen[str]:

@@ -38,8 +38,9 @@ class Child:
     """children that must be ready before this one starts"""
     bound_to: tuple[str, ...] = ()
     """children whose death means that this one is ended and started anew, after them"""
-    ready_s: float = 90.0
-    """from start to `NAME ready`; one that takes longer counts as dead"""
+    ready_s: float = 240.0
+    """from start to `NAME ready`; one that takes longer counts as dead. The first start after kernels have changed compiles them:
+    a minute of a processor's time"""
 
 
 class State(enum.Enum):

@@ -218,28 +218,12 @@ def to_raw(value, scales, row):
 
 
 @njit(cache=True)
-def put_raw(words, first, places, row, raw):
-    """Write a raw integer (int64, in range) where a row of MessageLayout.places says; little-endian only."""
-    length = places[row, LENGTH]
-    bits = np.uint64(raw)
-    if length < 64:
-        bits &= (np.uint64(1) << np.uint64(length)) - np.uint64(1)
-    put_bits(words, first, places[row, START], length, bits)
-
-
-@njit(cache=True)
 def sign_extended(raw, places, row):
     """Raw bits (uint64) as the integer that they mean."""
     if places[row, KIND] & SIGNED:
         shift = 64 - places[row, LENGTH]
         return np.int64(raw << np.uint64(shift)) >> shift
     return np.int64(raw)
-
-
-@njit(cache=True)
-def get_raw(words, first, places, row):
-    """The raw integer (int64) where a row of MessageLayout.places says; little-endian only."""
-    return sign_extended(get_bits(words, first, places[row, START], places[row, LENGTH]), places, row)
 
 
 @njit(cache=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -97,7 +98,13 @@ def add(
                 faults = [msgspec.convert(given, Fault)]
             except msgspec.ValidationError as error:
                 raise ValueError(_by_option(str(error))) from error
+        nodes = {node.name for node in hub.report().nodes}
         for fault in faults:
+            if fault.node is not None and not fnmatch.filter(nodes, fault.node):
+                print(
+                    f"handrail can fault: node {fault.node!r}: not on the bus now; the fault waits for whoever joins by that name",
+                    file=sys.stderr,
+                )
             number = hub.add(fault)
             print(f"fault {number}: {fault.kind}" if file else number)
 

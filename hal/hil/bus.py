@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fnmatch
 import select
 import threading
 import time
@@ -153,12 +154,17 @@ class Bus:
                 self._control.clear(laid.number)
 
     def lay(self, kind: str, **fields: Any) -> LaidFault:
-        """The same until `clear`. Raises ValueError naming the field for what is no fault."""
+        """The same until `clear`. Raises ValueError naming the field for what is no fault, or a node that is not on the bus."""
         try:
             fault = msgspec.convert({"kind": kind, **fields}, Fault)
         except msgspec.ValidationError as problem:
             known = f"kinds are {', '.join(get_args(Kind))}; fields {', '.join(Fault.__struct_fields__[1:])}"
             raise ValueError(f"fault: {problem}; got { ({'kind': kind, **fields}) }; {known}") from problem
+        nodes = sorted({node.name for node in self._control.report().nodes})
+        if fault.node is not None and not fnmatch.filter(nodes, fault.node):
+            raise ValueError(
+                f"fault: node {fault.node!r}: not on the bus; expected a name, or a glob, of {', '.join(nodes)}"
+            )
         return LaidFault(self._control, self._control.add(fault), fault)
 
     def clear(self) -> None:

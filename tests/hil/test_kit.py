@@ -63,6 +63,8 @@ def test_what_is_no_drive_error_no_joint_or_no_fault_is_refused_in_words(plant, 
         plant.drive_error("arm_middle", "encoder")
     with pytest.raises(ValueError, match="kind"):
         bus.lay("explode")
+    with pytest.raises(ValueError, match=r"'arm_middle': not on the bus; expected .*arm_left_4_joint"):
+        bus.lay("cut", node="arm_middle")
 
 
 def test_a_daemon_alone_moves_nothing_and_holds_time_where_it_is_told(daemon, plant):

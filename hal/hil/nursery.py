@@ -30,6 +30,8 @@ _MOST = 1 << 16
 _PR_SET_PDEATHSIG = 1
 _TAIL = 30
 _PATIENCE_S = 5.0
+_DEATH_S = 60.0
+"""after SIGKILL, which nothing refuses; but the kernel takes a process apart only when it gets to it"""
 
 
 class Warm(msgspec.Struct, tag=True):
@@ -126,7 +128,7 @@ class Process:
     def kill(self) -> int:
         """SIGKILL, as a crash or the machine's memory running out would; its exit status."""
         self.send(signal.SIGKILL)
-        status = self.wait(_PATIENCE_S)
+        status = self.wait(_DEATH_S)
         assert status is not None, f"{self.name} outlives SIGKILL"
         return status
 

@@ -63,6 +63,7 @@ def test_the_valve_turns_on_the_wall_clock_and_leaves_a_recording_pictures_and_a
     assert max(counts.values()) > 1000
 
 
+@pytest.mark.soak
 @pytest.mark.timeout(300)
 def test_nothing_is_compiled_in_mid_motion_on_a_machine_where_nothing_is_compiled_yet(tmp_path):
     """A kernel compiled while the robot moves would hold the loop up until the drives' watchdogs trip."""

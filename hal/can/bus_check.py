@@ -24,6 +24,8 @@ from hal.joint import JointState
 
 _FD_MTU = 72
 """bytes, of a network interface that carries CAN FD (linux/can.h, CANFD_MTU)"""
+_NEVER = 1 << 30
+"""cycles: the age of what was never heard (hal.joint, hal.device)"""
 _LISTEN_S = 0.3
 """first only listen: somebody may be talking to the drives already"""
 _ASK_S = 0.8
@@ -120,7 +122,6 @@ class _Surveyor:
     def __init__(self, description: Any, port: Port, protocol: Any):
         n = len(description.joints)
         self.state, self.devices = JointState(n), DeviceState(len(description.devices))
-        self.state.age[:], self.devices.age[:] = 1, 1
         self.host_heard = False
         self.crc_errors = 0
         self.versions = np.full(n, np.nan)
@@ -132,7 +133,12 @@ class _Surveyor:
     @property
     def complete(self) -> bool:
         """Everybody was heard."""
-        return not ((self.state.age > 0).any() or (self.devices.age > 0).any())
+        return all(self.heard)
+
+    @property
+    def heard(self) -> list[bool]:
+        """Who was heard at all, however late: drives, then devices."""
+        return [age < _NEVER for age in (*self.state.age.tolist(), *self.devices.age.tolist())]
 
     def listen(self, for_s: float, done: Callable[[], bool]) -> None:
         """Take in what comes, until `done` or so long."""
@@ -174,12 +180,11 @@ def survey(description: Any, port: Port, protocol: Any) -> Survey:
     if not who.host_heard:
         found.asked = True
         who.ask(_ASK_S, lambda: who.complete)
-        rows = np.flatnonzero((expected > 0) & (who.state.age == 0)).tolist()
+        rows = np.flatnonzero((expected > 0) & who.heard[: len(expected)]).tolist()
         who.ask(_VERSIONS_S, lambda: not np.isnan(who.versions[rows]).any(), versions_of=rows)
     names = [*description.joints, *(device.name for device in description.devices)]
-    heard = [*(who.state.age == 0), *(who.devices.age == 0)]
-    found.answered = [name for name, yes in zip(names, heard, strict=True) if yes]
-    found.missing = [name for name, yes in zip(names, heard, strict=True) if not yes]
+    found.answered = [name for name, yes in zip(names, who.heard, strict=True) if yes]
+    found.missing = [name for name, yes in zip(names, who.heard, strict=True) if not yes]
     found.crc_errors = who.crc_errors
     for row in np.flatnonzero(~np.isnan(who.versions) & (who.versions != expected)).tolist():
         found.strangers[description.joints[row]] = (int(who.versions[row]), int(expected[row]))

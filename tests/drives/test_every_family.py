@@ -145,7 +145,8 @@ def test_an_answer_arrives_within_half_a_step_and_cantools_reads_it_alike(name: 
         getattr(sent, field)[:] = rng.uniform(low, high, _N)
     sent.temperature[:] = rng.integers(0, 120, _N)
     sent.status[:] = statusword(rng.choice([State.SWITCHED_ON, State.OPERATION_ENABLED], _N))
-    sent.sequence[:] = rng.integers(0, 256)
+    sent.sequence[:] = sequence = int(rng.integers(0, 256))
+    protocol.encode_control(np.zeros(_N, np.uint8), sequence, out)  # what they answer
     count = protocol.encode_status(sent, np.zeros(_N, np.uint8), np.ones(_N, np.bool_), out)
     assert count == _N and protocol.decode_status(out, count, got) == (_N, 0)
     assert (got.age == 0).all() and np.array_equal(got.status & 0x6F, sent.status & 0x6F)

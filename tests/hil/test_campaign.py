@@ -11,12 +11,13 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.campaign import cli
+from benchmarks.campaign import cli, run, turn
 from benchmarks.campaign.cases import LENGTH_S, Case, draw
 from benchmarks.campaign.kinds import KINDS
 from benchmarks.campaign.report import write_into
 from benchmarks.campaign.run import Row
 from benchmarks.campaign.verdict import FORCE_LIMIT_N, Verdict, judge
+from hal.hil import nursery
 from hal.hil.door import Seen, Transition
 from handrail.messages import GroundTruth
 from handrail.robot import description as robots
@@ -120,9 +121,9 @@ def pretended(monkeypatch):
         def warm(self, *_: object) -> None: ...
         def close(self) -> None: ...
 
-    monkeypatch.setattr(cli, "carry_out", carry_out)
-    monkeypatch.setattr(cli, "plan", lambda: None)
-    monkeypatch.setattr(cli, "Nursery", NoNursery)
+    monkeypatch.setattr(run, "carry_out", carry_out)
+    monkeypatch.setattr(turn, "plan", lambda: None)
+    monkeypatch.setattr(nursery, "Nursery", NoNursery)
     return ran
 
 

@@ -9,14 +9,13 @@ and the motion goes on; the *plant* takes the loop with it, since the bus lives 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import shlex
 import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +30,7 @@ from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
+from handrail.sole_holder import HeldElsewhere, sole_holder
 
 
 class Clock(StrEnum):
@@ -133,25 +133,18 @@ def _checked_faults(file: Path) -> str:
 @contextmanager
 def sole_service(runtime: Runtime) -> Iterator[None]:
     """Hold the runtime folder for this process. Raises UsageError when another service runs in it."""
-    try:
-        lock = os.open(runtime.folder / "up.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    except OSError as error:
-        raise UsageError(
-            f"runtime folder: {runtime.folder}: {error.strerror}; expected a folder that this user may write in"
-        ) from error
-    try:
+    with ExitStack() as held:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            who = os.read(lock, 32).decode(errors="replace").strip()
+            held.enter_context(sole_holder(runtime.folder / "up.lock"))
+        except HeldElsewhere as error:
             raise UsageError(
-                f"a robot is up in {runtime.folder} already (process {who}): end that one, or give another --runtime"
+                f"a robot is up in {runtime.folder} already (process {error.process}): end that one, or give another --runtime"
             ) from error
-        os.ftruncate(lock, 0)
-        os.write(lock, f"{os.getpid()}\n".encode())
+        except OSError as error:
+            raise UsageError(
+                f"runtime folder: {runtime.folder}: {error.strerror}; expected a folder that this user may write in"
+            ) from error
         yield
-    finally:
-        os.close(lock)
 
 
 def drop_leftovers(runtime: Runtime, description: RobotDescription) -> None:

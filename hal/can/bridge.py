@@ -6,7 +6,6 @@ and drops the first of it that returns. One thread carries both ways where both 
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import select
@@ -14,11 +13,13 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import can
+
+from handrail.sole_holder import HeldElsewhere, sole_holder
 
 ECHOING = frozenset({"udp_multicast"})
 """interfaces that give a process its own frames back, whatever it asks for"""
@@ -199,17 +200,12 @@ def only_bridge(folder: Path, *ends: str) -> Iterator[None]:
     Raises ValueError when another process has it.
     """
     name = hashlib.sha256("\n".join(sorted(ends)).encode()).hexdigest()[:16]
-    lock = os.open(folder / f"bridge-{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
+    with ExitStack() as held:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            who = os.read(lock, 32).decode(errors="replace").strip()
+            held.enter_context(sole_holder(folder / f"bridge-{name}.lock"))
+        except HeldElsewhere as error:
             raise ValueError(
-                f"{' and '.join(ends)} are bridged already (process {who}): two bridges would send every frame round for ever"
+                f"{' and '.join(ends)} are bridged already (process {error.process}): "
+                "two bridges would send every frame round for ever"
             ) from error
-        os.ftruncate(lock, 0)
-        os.write(lock, f"{os.getpid()}\n".encode())
         yield
-    finally:
-        os.close(lock)

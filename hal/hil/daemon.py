@@ -32,7 +32,7 @@ class Daemon:
         self.status: m.DaemonStatus | None = None
         self._ended: dict[str, m.ActionEvent] = {}
         self._changed = threading.Condition()
-        self._closing = False
+        self._closing = threading.Event()
         self._caller = Caller(runtime.endpoint("daemon.call"))
         self.start_loop()
         self.start_server()
@@ -45,7 +45,7 @@ class Daemon:
 
     def _listen(self) -> None:
         subscriber = Subscriber(self._runtime.endpoint("daemon.events"), m.DaemonEvent)
-        while not self._closing:
+        while not self._closing.is_set():
             event = subscriber.receive(0.1)
             if event is None:
                 continue
@@ -62,10 +62,10 @@ class Daemon:
 
     def _check_in(self) -> None:
         caller = Caller(self._runtime.endpoint("daemon.call"), timeout_s=1.0)
-        while not self._closing:
+        while not self._closing.is_set():
             with contextlib.suppress(Unreachable):
                 caller.call(m.CheckIn(owner=OWNER))
-            time.sleep(_CHECK_IN_S)
+            self._closing.wait(_CHECK_IN_S)
         caller.close()
 
     # ------------------------------------------------------------------------------------------------------------ processes
@@ -94,7 +94,7 @@ class Daemon:
         return [self.loop, self.server]
 
     def close(self) -> None:
-        self._closing = True
+        self._closing.set()
         for process in (self.server, self.loop):
             process.end()
         for thread in self._threads:

@@ -7,7 +7,6 @@ are thinned out, since PyBullet's renderer goes through every triangle of the ro
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -22,7 +21,7 @@ from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.scene import Scene
 from handrail.messages import GroundTruth, Pose
 from handrail.robot.description import RobotDescription
-from handrail.robot.urdf import cache_folder
+from handrail.robot.urdf import cache_folder, whole_folder
 
 _FLOOR, _THICK, _GREY = 20.0, 0.02, (0.55, 0.56, 0.58, 1.0)
 VERSION = "1"
@@ -103,8 +102,7 @@ def thinned(urdf: Path) -> Path:
     """A prepared URDF (`hal.plant.model.prepare`) with its visual meshes thinned out, made once and kept in the user's cache."""
     folder = cache_folder() / f"thin{VERSION}-{urdf.parent.name}"
     if not folder.is_dir():
-        partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
-        try:
+        with whole_folder(folder) as partial:
             robot = ET.parse(urdf).getroot()
             for link in robot.findall("link"):
                 for shape in link.findall("collision"):
@@ -112,13 +110,6 @@ def thinned(urdf: Path) -> Path:
             for name in {mesh.get("filename", "") for mesh in robot.iter("mesh")}:
                 _thin(urdf.parent / name, partial / name)
             ET.ElementTree(robot).write(partial / "robot.urdf", encoding="utf-8", xml_declaration=True)
-            try:
-                partial.rename(folder)
-            except OSError:
-                if not folder.is_dir():  # else another process was faster, with the same content
-                    raise
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
     return folder / "robot.urdf"
 
 

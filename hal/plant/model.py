@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Collection
 from pathlib import Path
@@ -20,7 +18,7 @@ import trimesh
 
 from hal.plant.merge import Merged, merge_fixed_links
 from handrail.robot.description import RobotDescription
-from handrail.robot.urdf import cache_folder
+from handrail.robot.urdf import cache_folder, whole_folder
 
 # Part of the cache's key: raise it when what is prepared changes.
 _VERSION = "1"
@@ -92,20 +90,12 @@ def _content_hash(robot: ET.Element) -> str:
 
 
 def _write(robot: ET.Element, folder: Path) -> None:
-    """Write URDF and meshes beside each other, whole or not at all, whoever else writes the same now."""
-    partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
-    try:
+    """Write URDF and meshes beside each other."""
+    with whole_folder(folder) as partial:
         for kind in ("collision", "visual"):
             for mesh in robot.iterfind(f"./link/{kind}/geometry/mesh"):
                 _localise(mesh, partial, hull=kind == "collision")
         ET.ElementTree(robot).write(partial / "robot.urdf", encoding="utf-8", xml_declaration=True)
-        try:
-            partial.rename(folder)
-        except OSError:
-            if not folder.is_dir():  # else another process was faster, with the same content
-                raise
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _localise(mesh: ET.Element, folder: Path, *, hull: bool) -> None:

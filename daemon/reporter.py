@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daemon.device_reports import device_states, device_statuses
+from daemon.drive_reports import drive_problems, drive_states, drive_statuses
 from daemon.exchange import (
     MAX_HOLDS,
     ActionState,
@@ -18,20 +19,16 @@ from daemon.exchange import (
     robot_state,
 )
 from daemon.journal import Journal, Started
-from hal.drives.lifecycle import State, decode_statusword
 from handrail.messages import (
     ActionEvent,
     BusStatistics,
     DaemonStatus,
     DeviceStates,
-    DriveStatus,
     LoopStatistics,
     RobotState,
 )
 from handrail.robot.description import RobotDescription
 
-_SILENT_CYCLES = 10
-"""without an answer, after which people are shown `unknown`; the loop goes on until hal.hardware.LOST_AFTER"""
 STATE_PERIOD_NS = 10_000_000
 """of RobotState, in the robot's time"""
 DEVICE_PERIOD_NS = 40_000_000
@@ -106,7 +103,8 @@ class Reporter:
                 yield _ended(unseen, why, int(snapshot["time_ns"]), int(snapshot["cycle"]))
             if (started := self._journal.find(mark[0])) is None:
                 continue  # told already by the server that ran before this one
-            yield action_event(slot, started.id, started.ends, self._description.joints)
+            problems = drive_problems(snapshot, self._description) if mark[1] == ActionState.ENDED else {}
+            yield action_event(slot, started.id, started.ends, self._description.joints, problems)
             if mark[1] == ActionState.ENDED:
                 self._journal.ended(mark[0])
 
@@ -136,6 +134,10 @@ class Reporter:
         active = (slots["state"] == ActionState.RUNNING) | (slots["state"] == ActionState.PAUSED)
         return {int(owner) for owner in slots["owner"][active]}
 
+    def drive_problem(self, joint: str) -> str:
+        """What is wrong with a joint's drive, in words; empty: nothing."""
+        return "" if self.snapshot is None else drive_problems(self.snapshot, self._description).get(joint, "")
+
     def changed(self) -> bool:
         """True when the status differs in more than numbers from what it was at the last call."""
         signature: object = self.alive
@@ -163,7 +165,6 @@ class Reporter:
         `processes`: health of the service's processes, as its supervisor tells it; `bus_states`: channel → the error state of
         the daemon's node there, where it is known.
         """
-        joints = self._description.joints
         if self.snapshot is None or not self.alive:
             latched = self.latched()
             return DaemonStatus(
@@ -172,7 +173,7 @@ class Reporter:
                 enabled=False,
                 stopped=latched is not None,
                 stop_reason=latched or "",
-                drives=[DriveStatus(joint=joint, state="unknown") for joint in joints],
+                drives=drive_statuses(None, self._description),
                 controllers={},
                 loop=LoopStatistics(),
                 buses=[BusStatistics(channel=channel.name) for channel in self._description.channels],
@@ -181,18 +182,14 @@ class Reporter:
             )
         newest = self.snapshot
         flags = Flag(int(newest["flags"]))
-        drives = zip(joints, drive_states(newest), newest["error"], newest["temperature"], strict=True)
         return DaemonStatus(
             time_ns=int(newest["time_ns"]),
             clock=self._clock,
             enabled=Flag.ENABLED in flags,
             stopped=Flag.STOPPED in flags,
             stop_reason=_text(newest["stop_reason"]),
-            drives=[
-                DriveStatus(joint=joint, state=state, error=int(error), temperature=float(heat))
-                for joint, state, error, heat in drives
-            ],
-            controllers=active_controllers(newest, joints),
+            drives=drive_statuses(newest, self._description),
+            controllers=active_controllers(newest, self._description.joints),
             action=self._running_action(newest),
             loop=self._loop_statistics(newest),
             buses=self._bus_statistics(newest, bus_states),
@@ -246,13 +243,6 @@ class Reporter:
             )
             for row, channel in enumerate(self._description.channels)
         ]
-
-
-def drive_states(snapshot: np.ndarray) -> list[str]:
-    """Each drive's CiA 402 state in words; `unknown` for one that does not answer."""
-    states = decode_statusword(snapshot["status"])
-    silent = snapshot["age"] > _SILENT_CYCLES
-    return ["unknown" if quiet else State(int(state)).name.lower() for state, quiet in zip(states, silent, strict=True)]
 
 
 def _ended(started: Started, why: str, time_ns: int, cycle: int) -> ActionEvent:

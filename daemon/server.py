@@ -205,7 +205,7 @@ class Server:
             if code == exchange.Answer.DEVICE_SILENT:
                 named = tuple(device.name for device in self._description.devices)
             name = named[joint] if joint >= 0 else ""
-            raise refuse(*exchange.explain(exchange.Answer(code), name, value))
+            raise refuse(*exchange.explain(exchange.Answer(code), name, value, self._reporter.drive_problem(name)))
 
     def _start(self, call: m.StartAction) -> None:
         self._publish_news()  # judge it by the newest snapshot

@@ -100,6 +100,8 @@ class DriveStatus(msgspec.Struct, kw_only=True):
     error: int = 0
     temperature: float = 0.0
     """°C"""
+    problem: str = ""
+    """what is wrong with it, in words, with the channel where it does not answer; empty: nothing"""
 
 
 class LoopStatistics(msgspec.Struct, kw_only=True):

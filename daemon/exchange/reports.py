@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
 from daemon.exchange.records import CONTROLLERS, ActionState, Answer, Outcome
 from handrail.messages import ActionEvent, EndCondition, RobotState
+
+_NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
 
 
 def robot_state(snapshot: np.ndarray) -> RobotState:
@@ -35,9 +38,16 @@ def active_controllers(snapshot: np.ndarray, joints: Sequence[str]) -> dict[str,
 
 
 def action_event(
-    slot: np.ndarray | np.void, action_id: str, ends: Sequence[EndCondition], joints: Sequence[str]
+    slot: np.ndarray | np.void,
+    action_id: str,
+    ends: Sequence[EndCondition],
+    joints: Sequence[str],
+    problems: Mapping[str, str] = _NO_PROBLEMS,
 ) -> ActionEvent:
-    """A slot of a snapshot as an event; `action_id` and `ends` are those of the StartAction with the slot's serial."""
+    """A slot of a snapshot as an event; `action_id` and `ends` are those of the StartAction with the slot's serial.
+
+    `problems`: joint → what is wrong with its drive (daemon.drive_reports).
+    """
     state = ActionState(int(slot["state"]))
     if state is not ActionState.ENDED:
         name: Literal["running", "paused"] = "paused" if state is ActionState.PAUSED else "running"
@@ -50,7 +60,10 @@ def action_event(
         text = str(end.__struct_config__.tag)
         detail = f"ends[{int(slot['condition'])}]: {text} reached {float(slot['value']):.4g}"
     if slot["joint"] >= 0:
-        detail = f"{detail} at {joints[int(slot['joint'])]}".strip()
+        joint = joints[int(slot["joint"])]
+        detail = f"{detail} at {joint}".strip()
+        if outcome is Outcome.DRIVE_FAULT and joint in problems:
+            detail = f"{detail}: {problems[joint]}"
     return ActionEvent(
         id=action_id,
         state="ended",
@@ -64,10 +77,10 @@ def action_event(
     )
 
 
-def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, str]:
+def explain(answer: Answer, joint: str, value: float, problem: str = "") -> tuple[str, str, str, str]:
     """(message, field, value, expectation) of a command that the loop did not accept.
 
-    `joint`: that of `answer_joint`, or the device, or "".
+    `joint`: that of `answer_joint`, or the device, or ""; `problem`: what is wrong with its drive, if anything.
     """
     told = {
         Answer.NOT_ENABLED: ("the robot is not enabled: call Enable first", "enabled", "false", "true"),
@@ -87,7 +100,12 @@ def explain(answer: Answer, joint: str, value: float) -> tuple[str, str, str, st
         Answer.EXPIRED: ("the command came after it expired", "expires_ns", f"{value:.3f} s ago", "in the future"),
         Answer.NO_SUCH_ACTION: ("no such action is running", "id", "", "a running action"),
         Answer.TOO_MANY: ("too many at once: end one first", "count", "", "a free slot"),
-        Answer.DRIVE_FAULT: (f"the drive of {joint} does not enable", "drive", joint, "a drive without fault"),
+        Answer.DRIVE_FAULT: (
+            f"the drive of {joint} does not enable{problem and ': '}{problem}",
+            "drive",
+            joint,
+            "a drive without fault",
+        ),
         Answer.PROTOCOL_MISMATCH: (
             f"the drive of {joint} speaks another version of its protocol: update its firmware, or Handrail "
             f"(`handrail drives info` lists what each drive says of itself)",

@@ -1,0 +1,58 @@
+"""What is wrong with each joint's drive, in words: its own fault, or that it does not answer, and on which channel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hal.drives.lifecycle import DriveError, State, decode_statusword
+from handrail.messages import DriveStatus
+from handrail.robot.description import RobotDescription
+
+_SILENT_CYCLES = 10
+"""without an answer, after which people are shown `unknown`; the loop goes on until hal.hardware.LOST_AFTER"""
+
+_ERRORS = {error.value: error.name.lower() for error in DriveError}
+
+
+def drive_states(snapshot: np.ndarray | np.void) -> list[str]:
+    """Each drive's CiA 402 state in words; `unknown` for one that does not answer."""
+    states = decode_statusword(snapshot["status"])
+    silent = snapshot["age"] > _SILENT_CYCLES
+    return ["unknown" if quiet else State(int(state)).name.lower() for state, quiet in zip(states, silent, strict=True)]
+
+
+def drive_statuses(snapshot: np.ndarray | None, description: RobotDescription) -> list[DriveStatus]:
+    """Every drive, with its problem; None: no loop tells."""
+    if snapshot is None:
+        return [DriveStatus(joint=joint, state="unknown") for joint in description.joints]
+    told = zip(description.joints, drive_states(snapshot), snapshot["error"], snapshot["temperature"], strict=True)
+    problems = drive_problems(snapshot, description)
+    return [
+        DriveStatus(
+            joint=joint, state=state, error=int(error), temperature=float(heat), problem=problems.get(joint, "")
+        )
+        for joint, state, error, heat in told
+    ]
+
+
+def drive_problems(snapshot: np.ndarray | np.void, description: RobotDescription) -> dict[str, str]:
+    """Joint → what is wrong with its drive, for those with which something is."""
+    silent = snapshot["age"] > _SILENT_CYCLES
+    faulty = ~silent & (decode_statusword(snapshot["status"]) == State.FAULT)
+    problems = {
+        description.joints[row]: f"fault: {_name(int(snapshot['error'][row]))}" for row in np.flatnonzero(faulty)
+    }
+    if not silent.any():
+        return problems
+    rows = {joint: row for row, joint in enumerate(description.joints)}
+    for channel in description.channels:
+        there = [joint for limb in description.limbs if limb.channel == channel.name for joint in limb.joints]
+        quiet = [joint for joint in there if silent[rows[joint]]]
+        alone = "" if len(quiet) < len(there) else ", nor from any other drive there: is the bus connected and powered?"
+        for joint in quiet:
+            problems[joint] = f"no answer on channel {channel.name} ({channel.interface}){alone}"
+    return problems
+
+
+def _name(error: int) -> str:
+    return _ERRORS.get(error, f"error {error}")

@@ -77,7 +77,10 @@ def children(
     robot_and_clock = ("--robot", robot, "--clock", clock.value, *place)
     processes = []
     if simulated:
-        on_bus = (*(["--bus-timing"] if bus_timing else []), *(["--faults", _checked_faults(faults)] if faults else []))
+        on_bus = (
+            *(["--bus-timing"] if bus_timing else []),
+            *(["--faults", _checked_faults(faults, description)] if faults else []),
+        )
         processes.append(
             Child("plant", (*python, "hal.plant.world", "--scene", _checked_scene(scene), *robot_and_clock, *on_bus))
         )
@@ -122,11 +125,11 @@ def _checked_scene(scene: str | None) -> str:
     return scene
 
 
-def _checked_faults(file: Path) -> str:
+def _checked_faults(file: Path, description: RobotDescription) -> str:
     """The file of faults, read once here as the scene is."""
     from hal.can import faults
 
-    faults.read(file)
+    faults.read(file, channels=[channel.name for channel in description.channels])
     return str(file)
 
 

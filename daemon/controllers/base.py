@@ -35,7 +35,7 @@ class Controller(ABC):
     once. It never sees another controller's joints and knows nothing of limits, which come after it.
     """
 
-    name: str
+    name: str = "user"
     """one of daemon.exchange.CONTROLLERS"""
 
     def __init__(self, joints: NDArray[np.int64], gains: Gains):

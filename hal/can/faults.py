@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+import fnmatch
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -60,6 +62,21 @@ class FaultScript(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     faults: Annotated[list[Fault], msgspec.Meta(min_length=1)]
 
 
-def read(file: str | Path) -> list[Fault]:
-    """The faults of a YAML file with the one key `faults`. Raises config.ConfigError with file, line, field and expectation."""
-    return config.read(file).convert(FaultScript).faults
+def read(file: str | Path, *, channels: Sequence[str] | None = None, nodes: Sequence[str] | None = None) -> list[Fault]:
+    """The faults of a YAML file with the one key `faults`. Raises config.ConfigError with file, line, field and expectation.
+
+    channels, nodes: all that there are, where the caller knows them; a fault on another can't ever act, and is refused.
+    """
+    document = config.read(file)
+    script = document.convert(FaultScript).faults
+    for number, fault in enumerate(script):
+        at = f"faults[{number}]"
+        if channels is not None and fault.channel is not None and fault.channel not in channels:
+            raise document.error(f"{at}.channel", f"got {fault.channel!r}; expected one of {', '.join(channels)}")
+        if fault.node is None and fault.kind in ("babble", "bus_off"):
+            raise document.error(f"{at}.node", f"is missing; {fault.kind} expects a node's name")
+        if nodes is not None and fault.node is not None and not fnmatch.filter(nodes, fault.node):
+            raise document.error(
+                f"{at}.node", f"got {fault.node!r}; expected a name, or a glob, of {', '.join(sorted(nodes))}"
+            )
+    return script

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fnmatch
+import os
 import select
 import threading
 import time
@@ -50,7 +51,7 @@ class Bus:
     def __init__(self, runtime: Runtime, description: RobotDescription):
         self._runtime, self._description = runtime, description
         self._protocol = LimbProtocol(description)
-        self._port = HubPort(runtime.bus)
+        self._port = HubPort(runtime.bus, own_frames=True, name="test")
         self.channels = [channel.name for channel in self._port.channels]
         self._control = HubControl(runtime.bus)
         self._kept: deque[npt.NDArray[np.void]] = deque()
@@ -58,16 +59,21 @@ class Bus:
         self._changed = threading.Condition()
         self._outbox: deque[npt.NDArray[np.void]] = deque()
         self._closing = self.holding = False
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        """the listener has something to send"""
         self._thread = threading.Thread(target=self._listen, name="hil-bus", daemon=True)
         self._thread.start()
 
     def _listen(self) -> None:
         poll = select.poll()
         poll.register(self._port.fileno(), select.POLLIN)
+        poll.register(self._wake, select.POLLIN)
         hold, next_hold = frames.empty(self._protocol.frames_a_cycle), 0.0
         try:
             while not self._closing:
                 poll.poll(_LOOK_S * 1000)
+                with contextlib.suppress(BlockingIOError):
+                    os.eventfd_read(self._wake)
                 records = self._port.receive()
                 if len(records):
                     self._keep(records.copy())
@@ -135,12 +141,16 @@ class Bus:
     # -------------------------------------------------------------------------------------------------------------- sending
 
     def send(self, *messages: can.Message) -> None:
-        """Send frames as one more node. `channel` names the channel; without one, the first."""
+        """Send frames as one more node. `channel` names the channel; without one, the first. Raises ValueError for another."""
+        for message in messages:
+            if message.channel is not None and message.channel not in self.channels:
+                raise ValueError(f"channel {message.channel!r}: expected one of {', '.join(self.channels)}")
         data = b"".join(
-            convert.to_record(message, self.channels.index(str(message.channel)) if message.channel else 0)
+            convert.to_record(message, 0 if message.channel is None else self.channels.index(str(message.channel)))
             for message in messages
         )
         self._outbox.append(np.frombuffer(data, frames.RECORD).copy())
+        os.eventfd_write(self._wake, 1)
 
     @contextlib.contextmanager
     def fault(self, kind: str, **fields: Any) -> Iterator[LaidFault]:
@@ -181,3 +191,4 @@ class Bus:
         with contextlib.suppress(BusLost, OSError):
             self._control.close()
         self._port.close()
+        os.close(self._wake)

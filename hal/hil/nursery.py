@@ -105,7 +105,8 @@ class Process:
         with self._changed:
             self._changed.wait_for(lambda: said() or self._closed, timeout_s)
             if not said():
-                raise ProcessDied(f"{self.name} did not say “{beginning}” in {timeout_s:g} s\n{self.last_words()}")
+                what = "ended before it said" if self._closed else f"did not say in {timeout_s:g} s"
+                raise ProcessDied(f"{self.name} {what} “{beginning}”\n{self.last_words()}")
 
     def last_words(self) -> str:
         """The end of what it said."""

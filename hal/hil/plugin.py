@@ -51,6 +51,7 @@ def handrail_rig(request: pytest.FixtureRequest, handrail_nursery: Nursery) -> I
     import msgspec
 
     from hal.hil.rig import Options, Rig
+    from handrail.config import ConfigError
 
     marked: dict[str, Any] = {}
     for mark in reversed(list(request.node.iter_markers(MARK))):
@@ -64,7 +65,10 @@ def handrail_rig(request: pytest.FixtureRequest, handrail_nursery: Nursery) -> I
         msgspec.convert(marked, Options)
     except msgspec.ValidationError as error:
         raise pytest.UsageError(f"@pytest.mark.{MARK}: {error}; got {marked}") from error
-    rig = Rig(Options(**marked), handrail_nursery)
+    try:
+        rig = Rig(Options(**marked), handrail_nursery)
+    except ConfigError as error:
+        pytest.fail(f"@pytest.mark.{MARK}: {error}", pytrace=False)
     request.node.stash[_RIG] = rig
     yield rig
     rig.close()

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hal.can import faults
 from hal.hil.bus import Bus
 from hal.hil.daemon import Daemon
 from hal.hil.nursery import Nursery, Process
 from hal.hil.plant import Plant
 from hal.hil.robot import Robot
+from hal.plant import scene
 from handrail import messages as m
 from handrail.recorder import Links, Recording
 from handrail.robot import description as robots
@@ -45,8 +47,18 @@ class Rig:
     """Plant, bus, daemon and robot of one test."""
 
     def __init__(self, options: Options, nursery: Nursery):
+        """Raises handrail.config.ConfigError for a robot, scene or file of faults that can't be read."""
         self.options, self._nursery = options, nursery
         self.description = robots.load(options.robot)
+        if options.scene:
+            scene.load(options.scene)
+        if options.faults:
+            robot = self.description
+            faults.read(
+                options.faults,
+                channels=[channel.name for channel in robot.channels],
+                nodes=["daemon", *robot.joints, *(device.name for device in robot.devices)],
+            )
         self.folder = Path(tempfile.mkdtemp(prefix="hil", dir=memory_folder()))
         self.runtime = Runtime.at(self.folder)
         self._open = contextlib.ExitStack()

@@ -175,7 +175,8 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
             channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in robot.channels]
             clock = _WallBusClock(world) if options.clock == "wall" else lambda: world.time_ns
             hub = Hub(runtime.bus, channels, clock=clock, timing=options.bus_timing)
-            script = faults.read(options.faults) if options.faults else []
+            names = [channel.name for channel in robot.channels]
+            script = faults.read(options.faults, channels=names) if options.faults else []
             for fault in script:
                 hub.check_fault(fault)
         except (ConfigError, OSError, ValueError) as error:

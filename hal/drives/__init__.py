@@ -1,5 +1,5 @@
 """Drive families: how each speaks on the bus. A family is a folder with the DBC file that describes its frames and a family.yaml
-that says what they mean; the rest of the package makes codec, docs and tests from them."""
+that says what they mean; the rest of the package makes codec, typed messages, docs and tests from them."""
 
 from pathlib import Path
 

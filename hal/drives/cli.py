@@ -74,6 +74,29 @@ def docs(
 
 
 @app.command()
+def types(
+    family: Annotated[str, typer.Argument(help="A family, as `handrail drives list` names them.")],
+    out: Annotated[Path | None, typer.Option(help="Into this file instead.", dir_okay=False)] = None,
+) -> None:
+    """A family's messages as Python classes, for editors and type checkers: print the module, or write it.
+
+    hal.drives.typed.messages(FAMILY) makes the same while a program runs. Exit status 1: no such family, or the file can't be
+    written.
+    """
+    from hal.drives.typed_source import source
+
+    try:
+        text = source(families.load(family))
+        if out is None:
+            sys.stdout.write(text)
+        else:
+            out.write_text(text, encoding="utf-8")
+            print(out)
+    except (ConfigError, OSError, ValueError) as error:
+        sys.exit(f"handrail drives types: {error}")
+
+
+@app.command()
 def get(
     joint: Annotated[str, typer.Argument(help="A joint.")],
     parameter: Annotated[str, typer.Argument(help="A parameter's name or index.")],

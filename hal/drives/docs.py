@@ -12,7 +12,7 @@ from hal.drives.fields import Role
 from hal.drives.lifecycle import Command
 from hal.drives.parameters import DICTIONARY
 
-_ROLES = {
+ROLES = {
     Role.CONTROL: "host → drives: where their lives shall go",
     Role.COMMAND: "host → drives: set-points",
     Role.STATUS: "drive → host: answer of one drive",
@@ -77,7 +77,7 @@ def _message(family: Family, role: Role) -> list[str]:
     lines = [
         f"## {message.message}: {role.name.lower()}",
         "",
-        f"{_ROLES[role]}. Identifiers {where}, {definition.length} bytes, {kind}. {_of_any(definition.comment)}",
+        f"{ROLES[role]}. Identifiers {where}, {definition.length} bytes, {kind}. {of_any(definition.comment)}",
         "",
     ]
     if message.payloads:
@@ -101,7 +101,7 @@ def _message(family: Family, role: Role) -> list[str]:
     return lines
 
 
-def _of_any(comment: str | None) -> str:
+def of_any(comment: str | None) -> str:
     """A first message's comment for all of them."""
     return (comment or "").replace("limb 0", "a limb").replace(", axis 0", ", an axis").replace("motor 1", "a motor")
 

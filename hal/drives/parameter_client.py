@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import time
+from collections.abc import Callable, Iterable
 
 from hal.can import frames
 from hal.can.port import Port
@@ -25,13 +27,44 @@ class ParameterError(ValueError):
     """A drive refused, or did not answer; `str()` says joint, parameter and why."""
 
 
+def converse(
+    where: str,
+    parameter: Parameter,
+    value: float | None,
+    send: Callable[[int], None],
+    replies: Callable[[float], Iterable[ParameterReply]],
+) -> ParameterReply:
+    """Ask one drive for a parameter (`value` None) or to take a value, some times if need be; its answer, which is a good one.
+
+    where: drive and parameter, for errors; `send`: the request under a sequence number, which tells its answer from those to
+    others; `replies`: the drive's answers that arrive, after at most so many s. Raises ParameterError.
+    """
+    for _ in range(_TRIES):
+        sequence = next(_sequences) & 0xFF
+        send(sequence)
+        asked = (parameter, sequence, value is not None)
+        until, reply = time.monotonic() + _PATIENCE_S, None
+        while reply is None and (left := until - time.monotonic()) > 0.0:
+            reply = next((r for r in replies(left) if (r.index, r.sequence, r.write) == asked), None)
+        if reply is None:
+            continue
+        if reply.result != ParameterResult.OK:
+            known = reply.result in set(ParameterResult)
+            words = _WORDS[ParameterResult(reply.result)] if known else f"refused with code {reply.result}"
+            raise ParameterError(f"{where}{'' if value is None else f' {value:g}'}: {words}")
+        return reply
+    raise ParameterError(f"{where}: the drive does not answer; is it powered and on the bus (`handrail can stats`)?")
+
+
+_sequences = itertools.count(random.randrange(256))
+
+
 class ParameterClient:
-    """Asks a robot's drives. Its own sequence numbers tell its answers from those to others."""
+    """Asks a robot's drives, by the joint's number."""
 
     def __init__(self, port: Port, protocol: LimbProtocol):
         self._port, self._protocol = port, protocol
         self._out, self._state = frames.empty(1), JointState(len(protocol.joints))
-        self._sequence = random.randrange(256)
 
     def read(self, joint: int, parameter: Parameter) -> float:
         """A parameter's value. Raises ParameterError, hal.can.port.BusLost."""
@@ -47,31 +80,15 @@ class ParameterClient:
         return f"{self._protocol.joints[joint]}: {parameter.name.lower()}"
 
     def _ask(self, joint: int, parameter: Parameter, value: float | None) -> ParameterReply:
-        for _ in range(_TRIES):
-            self._sequence = (self._sequence + 1) & 0xFF
-            if not self._protocol.encode_request(joint, parameter, value, self._sequence, self._out):
+        def send(sequence: int) -> None:
+            if not self._protocol.encode_request(joint, parameter, value, sequence, self._out):
                 family = self._protocol.program.joint_family[joint]
                 raise ParameterError(f"{self._what(joint, parameter)}: drives of family {family} have no parameters")
             self._port.send(self._out)
-            reply = self._wait(joint, parameter, value is not None)
-            if reply is None:
-                continue
-            if reply.result != ParameterResult.OK:
-                known = reply.result in set(ParameterResult)
-                words = _WORDS[ParameterResult(reply.result)] if known else f"refused with code {reply.result}"
-                asked = "" if value is None else f" {value:g}"
-                raise ParameterError(f"{self._what(joint, parameter)}{asked}: {words}")
-            return reply
-        raise ParameterError(
-            f"{self._what(joint, parameter)}: the drive does not answer; is it powered and on the bus (`handrail can stats`)?"
-        )
 
-    def _wait(self, joint: int, parameter: Parameter, write: bool) -> ParameterReply | None:
-        until = time.monotonic() + _PATIENCE_S
-        while (left := until - time.monotonic()) > 0.0:
-            records = self._port.receive(left)
+        def replies(wait_s: float) -> Iterable[ParameterReply]:
+            records = self._port.receive(wait_s)
             self._protocol.decode_status(records, len(records), self._state)
-            for reply in self._protocol.replies():
-                if (reply.joint, reply.index, reply.sequence, reply.write) == (joint, parameter, self._sequence, write):
-                    return reply
-        return None
+            return [reply for reply in self._protocol.replies() if reply.joint == joint]
+
+        return converse(self._what(joint, parameter), parameter, value, send, replies)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
+import re
 from typing import Any
 
 import cantools
 import numpy as np
 import pytest
-from cantools.database.can import Database
+from cantools.database.can import Database, Message, Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -88,6 +89,46 @@ def test_every_message_of_a_family_is_one_that_cantools_reads_and_the_codec_has(
             layout = made.layout(role, **numbers)
             message = _database(name).get_message_by_name(layout.name)
             assert (message.frame_id, message.length) == (layout.frame_id, layout.length)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_messages_of_a_role_are_alike_but_for_their_numbers(name: str) -> None:
+    made, database = family.load(name), _database(name)
+    for role in made.messages:
+        found = {
+            tuple(numbers.values()): database.get_message_by_name(made.layout(role, **numbers).name)
+            for numbers in made.instances(role)
+        }
+        first = found[0, 0, 0]
+        # By how much an identifier goes up with limb, axis and device.
+        strides = [
+            found[one].frame_id - first.frame_id if one in found else 0 for one in ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+        ]
+        for numbers, message in found.items():
+            assert message.frame_id == first.frame_id + int(np.dot(strides, numbers)), message.name
+            assert _likeness(message) == _likeness(first), message.name
+        axes: dict[str, set[Any]] = {}
+        for signal in first.signals:
+            stem, _, axis = signal.name.rpartition("_")
+            if axis.isdigit():
+                axes.setdefault(stem, set()).add(_likeness_of_signal(signal))
+        assert all(len(alike) == 1 for alike in axes.values()), first.name
+
+
+def _likeness(message: Message) -> tuple[Any, ...]:
+    signals = [(_numberless(signal.name), signal.start, *_likeness_of_signal(signal)) for signal in message.signals]
+    return message.length, message.is_fd, message.is_extended_frame, _numberless(message.comment), signals
+
+
+def _likeness_of_signal(signal: Signal) -> tuple[Any, ...]:
+    choices = tuple((raw, str(text)) for raw, text in (signal.choices or {}).items())
+    words = (signal.unit, _numberless(signal.comment), choices)
+    scale = (signal.length, signal.byte_order, signal.is_signed, signal.is_float, signal.scale, signal.offset)
+    return *scale, signal.minimum, signal.maximum, *words
+
+
+def _numberless(text: str | None) -> str:
+    return re.sub(r"(?<=[_ ])\d+", "#", text or "")
 
 
 @pytest.mark.parametrize("name", JOINTS)

@@ -1,0 +1,296 @@
+"""Typed access to a family's messages: a class a message, with a field a signal in physical units, made from the description.
+
+::
+
+    from hal.drives.limb_fd.messages import DriveStatus, LimbControl      # known to editors and type checkers
+    messages = hal.drives.typed.messages("limb_fd")                       # of any family, a user's own too
+
+    bus.send(LimbControl(limb=0, controlword=[Controlword.SHUTDOWN]).encode())
+    status = DriveStatus.decode(bus.recv())                               # raises FrameError, e.g. for a wrong CRC
+
+The classes' source is written by hal.drives.typed_source (`handrail drives types`); what they do is here. They are for test
+benches and tools: a frame goes signal by signal here, where the daemon's tables (hal.drives.protocol) take a batch at once.
+"""
+
+from __future__ import annotations
+
+import enum
+import functools
+import importlib
+import itertools
+import sys
+import time
+import types
+import typing
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import can
+import numpy as np
+
+from hal.can import frames
+from hal.can.codec import MessageLayout
+from hal.can.convert import to_message, to_record
+from hal.drives import crc, typed_fields
+from hal.drives.family import Family, load, number, read, signal_of
+from hal.drives.fields import Field, Role
+from hal.drives.lifecycle import Command
+from hal.drives.typed_fields import COUNTED, Kind, TypedField
+from hal.drives.typed_source import source
+
+NEXT = -1
+"""A sequence number that `encode` fills in: the next of this limb (or device), counted by this process."""
+NOW = -1
+"""A time of measurement that `encode` fills in: this computer's monotonic clock, in us, as far as it fits."""
+
+_counters: defaultdict[tuple[Any, ...], Iterator[int]] = defaultdict(itertools.count)
+
+
+class FrameError(ValueError):
+    """A frame that is not what it was read as: identifier, length, format, CRC or a constant is wrong."""
+
+
+class TypedMessage:
+    """A message of a drive family; its subclasses are dataclasses that `handrail drives types` writes."""
+
+    _family: ClassVar[str] = ""
+    _kind: ClassVar[str] = ""
+
+    def __init_subclass__(cls, *, family: str = "", message: str = "", **more: Any):
+        super().__init_subclass__(**more)
+        cls._family, cls._kind = family, message
+
+    def encode(self) -> can.Message:
+        """The frame, its CRC, constants and what was left to NEXT and NOW filled in.
+
+        Raises ValueError naming message, signal, value and range for what does not fit, ConfigError for a family that is not
+        there.
+        """
+        message = to_message(self.record().tobytes(), ("",), rx=False)
+        message.channel = None
+        return message
+
+    def record(self, bus: int = 0) -> np.ndarray:
+        """The frame as hal.can.frames.RECORD (1,); otherwise as `encode`."""
+        plan, numbers = _plan(type(self)), self._numbers()
+        layout, out = plan.layout(numbers), frames.empty(1)
+        if plan.payloads:
+            out["can_id"], out["length"], out["flags"] = layout.frame_id, 8, layout.head >> 40 & 0xFF
+            out["data"][0, :8] = np.frombuffer(plan.payloads[Command(self.command).name.lower()], np.uint8)  # type: ignore[attr-defined]
+            out["bus"] = bus
+            return out
+        values = np.zeros((1, len(layout.signals)))
+        for item in plan.fields:
+            self._fill(plan, item, layout, numbers, values[0])
+        for signal, raw in plan.constants(numbers):
+            at = layout.signals.index(signal)
+            values[0, at] = raw * layout.scales[at, 0] + layout.scales[at, 1]
+        plan.family.codec.encode(layout.name, values, out, bus=bus)
+        if plan.crc_signal:
+            values[0, layout.signals.index(plan.crc_signal.format_map(numbers))] = plan.crc(layout, numbers, out)
+            plan.family.codec.encode(layout.name, values, out, bus=bus)
+        return out
+
+    @classmethod
+    def decode(cls, message: can.Message | np.ndarray | np.void) -> Self:
+        """What a frame says. Raises FrameError for one that is none of these, or damaged."""
+        plan, record = _plan(cls), _record(message)
+        numbers = plan.numbers_of(record)
+        if numbers is None:
+            raise FrameError(f"frame {int(record['can_id'][0]):#x}: no {plan.kind.name}; expected {plan.identifiers}")
+        layout, length = plan.layout(numbers), int(record["length"][0])
+        wanted = layout.head >> 40 & frames.FD
+        if length != layout.length or int(record["flags"][0]) & (frames.FD | frames.REMOTE) != wanted:
+            raise FrameError(
+                f"{layout.name}: {length} bytes; expected {layout.length} of {'CAN FD' if wanted else 'CAN'}"
+            )
+        own: dict[str, Any] = {name: numbers[name] for name in plan.kind.numbers}
+        command = plan.command_of(record["data"][0, :8].tobytes())
+        if plan.payloads:
+            if command is None:
+                raise FrameError(f"{layout.name}: {record['data'][0, :8].tobytes().hex(' ')}; expected a fixed frame")
+            return cls(**own, **{"command": command})
+        if command is not None:
+            raise FrameError(f"{layout.name}: the fixed frame {command.name.lower()}; expected set-points")
+        values = plan.family.codec.decode(layout.name, record)[0].tolist()
+        if plan.crc_signal:
+            at, right = layout.signals.index(plan.crc_signal.format_map(numbers)), plan.crc(layout, numbers, record)
+            if values[at] != right:
+                raise FrameError(f"{layout.name}: CRC {round(values[at]):#x}; expected {right:#x}")
+        for signal, raw in plan.constants(numbers):
+            at = layout.signals.index(signal)
+            is_there = round((values[at] - layout.scales[at, 1]) / layout.scales[at, 0])
+            if is_there != raw:
+                raise FrameError(f"{layout.name}: {signal}: {is_there}; expected {raw}")
+        for item in plan.fields:
+            said = [plan.typed(item, item.meant(values[at])) for at in _places(item, layout, numbers)]
+            own[item.name] = said if item.axes else said[0]
+        return cls(**own)
+
+    def _numbers(self) -> dict[str, int]:
+        plan, numbers = _plan(type(self)), {"limb": 0, "axis": 0, "device": 0}
+        for name in plan.kind.numbers:
+            value, room = (
+                getattr(self, name),
+                getattr(plan.family, {"limb": "limbs", "axis": "axes", "device": "devices"}[name]),
+            )
+            if not (isinstance(value, int) and 0 <= value < room):
+                raise ValueError(f"{plan.kind.name}: {name} {value!r}; expected 0 to {room - 1}")
+            numbers[name] = value
+        return numbers
+
+    def _fill(
+        self, plan: _Plan, item: TypedField, layout: MessageLayout, numbers: dict[str, int], values: np.ndarray
+    ) -> None:
+        given = getattr(self, item.name)
+        if given == NEXT and item.meaning is Field.SEQUENCE and plan.kind.role in COUNTED:
+            status = plan.kind.role is Role.DEVICE_STATUS
+            given = next(_counters[self._family, status, numbers["limb"], numbers["device"]]) % (1 << item.bits)
+        elif given == NOW and item.meaning is Field.TIME:
+            given = time.monotonic_ns() // 1000 % (1 << item.bits)
+        many = list(given) if item.axes else [given]
+        if item.axes and len(many) > item.axes:
+            raise ValueError(
+                f"{layout.name}: {item.name}: {len(many)} values; expected at most {item.axes}, one an axis"
+            )
+        for at, value in zip(_places(item, layout, numbers), many, strict=False):
+            values[at] = item.check(value, f"{layout.name}: {layout.signals[at]}")
+
+
+def _places(item: TypedField, layout: MessageLayout, numbers: dict[str, int]) -> list[int]:
+    """Which of the layout's signals a field is."""
+    own = [{**numbers, "axis": axis} for axis in range(item.axes)] if item.axes else [numbers]
+    return [layout.signals.index(item.signal.format_map(of)) for of in own]
+
+
+class _Plan:
+    """What a class must know of its family's description."""
+
+    def __init__(self, cls: type[TypedMessage]):
+        self.family: Family = load(cls._family)
+        by_name = {kind.name: kind for kind in typed_fields.kinds(self.family)}
+        stale = (
+            f"{cls.__module__}.{cls.__name__} was made from another description of family {cls._family}: "
+            f"`handrail drives types {cls._family}` writes it anew"
+        )
+        if cls._kind not in by_name:
+            raise ValueError(stale)
+        self.kind: Kind = by_name[cls._kind]
+        self.payloads = {key: bytes.fromhex(text) for key, text in self.kind.message.payloads.items()}
+        self.fields = () if self.payloads else typed_fields.fields(self.family, self.kind)
+        names = {*self.kind.numbers, *(item.name for item in self.fields), *(["command"] if self.payloads else [])}
+        if names != {item for item in cls.__dataclass_fields__}:  # type: ignore[attr-defined]
+            raise ValueError(stale)
+        control = self.family.messages.get(Role.CONTROL)
+        shared = control.payloads if control and self.kind.role in (Role.CONTROL, Role.COMMAND) else {}
+        self._commands = {bytes.fromhex(shared[c.name.lower()]): c for c in reversed(Command)} if shared else {}
+        crc_entry = self.kind.message.fields.get("crc")
+        self.crc_signal = signal_of(crc_entry).signal if crc_entry else ""
+        self._layouts: dict[tuple[int, bool], dict[str, int]] = {}
+        for numbers in self._instances():
+            head = self.layout(numbers).head
+            self._layouts[head & 0xFFFFFFFF, bool(head >> 40 & frames.EXTENDED)] = numbers
+        self._enums = {name: _enum_of(hint) for name, hint in typing.get_type_hints(cls).items()}
+
+    def _instances(self) -> list[dict[str, int]]:
+        return (
+            self.family.instances(self.kind.role)
+            if self.kind.role is not None
+            else [{"limb": 0, "axis": 0, "device": 0}]
+        )
+
+    def layout(self, numbers: dict[str, int]) -> MessageLayout:
+        return self.family.codec.layout(self.kind.template.format_map(numbers))
+
+    @property
+    def identifiers(self) -> str:
+        ids = sorted(can_id for can_id, _ in self._layouts)
+        return f"{ids[0]:#x}" if len(ids) == 1 else f"{ids[0]:#x} to {ids[-1]:#x}"
+
+    def numbers_of(self, record: np.ndarray) -> dict[str, int] | None:
+        """limb, axis and device of a frame; None: it is none of these."""
+        return self._layouts.get((int(record["can_id"][0]), bool(record["flags"][0] & frames.EXTENDED)))
+
+    def command_of(self, data: bytes) -> Command | None:
+        """Which of the family's fixed frames this is."""
+        return self._commands.get(data)
+
+    def constants(self, numbers: dict[str, int]) -> list[tuple[str, int]]:
+        """(signal, raw value) of what always reads the same."""
+        layout, found = self.layout(numbers), []
+        for name, given in self.kind.message.constants.items():
+            bits = int(layout.rows([name])[0][0, 1])
+            found.append((name, number(given, numbers) & (1 << bits) - 1))
+        return found
+
+    def crc(self, layout: MessageLayout, numbers: dict[str, int], record: np.ndarray) -> int:
+        """What a frame's CRC should be."""
+        start = int(layout.rows([self.crc_signal.format_map(numbers)])[0][0, 0])
+        begin, end = self.family.crc_bytes or (0, start // 8)
+        return int(crc.crc_of(frames.words(record), frames.DATA, begin, end, self.family.algorithm))
+
+    def typed(self, item: TypedField, value: typed_fields.Number) -> Any:
+        """A value as a member of its field's enum, where it has one that knows it."""
+        kind = self._enums.get(item.name)
+        return kind(int(value)) if kind is not None and value in set(kind) else value
+
+
+_plans: dict[type[TypedMessage], _Plan] = {}
+
+
+def _plan(cls: type[TypedMessage]) -> _Plan:
+    """Made when it is first needed: reading a DBC takes a moment, importing its classes shall not."""
+    if cls not in _plans:
+        _plans[cls] = _Plan(cls)
+    return _plans[cls]
+
+
+def _enum_of(hint: Any) -> type[enum.IntEnum] | None:
+    if isinstance(hint, type) and issubclass(hint, enum.IntEnum):
+        return hint
+    return next((found for part in typing.get_args(hint) if (found := _enum_of(part))), None)
+
+
+def _record(message: can.Message | np.ndarray | np.void) -> np.ndarray:
+    if isinstance(message, can.Message):
+        try:
+            return np.frombuffer(bytearray(to_record(message, 0)), frames.RECORD)
+        except ValueError as error:
+            raise FrameError(str(error)) from error
+    return np.ascontiguousarray(message, frames.RECORD).reshape(-1)[:1]
+
+
+def decode_any(kinds: Sequence[type[TypedMessage]], message: can.Message | np.ndarray | np.void) -> Any:
+    """The message that a frame is by its identifier, None when it is none of these. Raises FrameError for a damaged one."""
+    record, problem = _record(message), None
+    for kind in kinds:
+        if _plan(kind).numbers_of(record) is None:
+            continue
+        try:
+            return kind.decode(record)
+        except FrameError as error:  # fixed frames and set-points may share an identifier
+            problem = error
+    if problem is not None:
+        raise problem
+    return None
+
+
+def messages(family: str) -> types.ModuleType:
+    """The classes of a family as a module: for a built-in one hal.drives.FAMILY.messages, for a user's own the same made now.
+
+    Raises config.ConfigError as hal.drives.family.load does.
+    """
+    folder = load(family).folder
+    if folder.parent == Path(__file__).parent:
+        return importlib.import_module(f"hal.drives.{family}.messages")
+    return _made(folder)
+
+
+@functools.cache
+def _made(folder: Path) -> types.ModuleType:
+    module = types.ModuleType(f"hal.drives.of_workspace.{folder.name}")
+    sys.modules[module.__name__] = module  # where dataclasses look types up
+    exec(compile(source(read(folder)), f"{folder.name} (made by hal.drives.typed)", "exec"), module.__dict__)
+    return module

@@ -50,14 +50,16 @@ class JointState:
 
 
 class JointCommand:
-    """What is about to be written. All arrays have shape (n,), but for `table`, which kernels take whole: never rebind its rows."""
+    """What is about to be written. All arrays have shape (n,), but for `memory` and `table`, whose views they are: never rebind them."""
 
     def __init__(self, n: int):
-        self.table = np.zeros((len(COMMANDED), n))
+        self.memory = np.zeros(5 * n + (n + 7) // 8, np.int64)
+        """everything below, in one piece: 5n float64, n uint8"""
+        self.table = self.memory[: 5 * n].view(np.float64).reshape(len(COMMANDED), n)
         """the rows `COMMANDED`, for what looks at all of them at once; the five arrays below are views of them"""
         self.position, self.velocity, self.torque, self.stiffness, self.damping = self.table
         """rad; rad/s; N·m, feed-forward; N·m/rad; N·m·s/rad"""
-        self.mode = np.zeros(n, np.uint8)
+        self.mode = self.memory[5 * n :].view(np.uint8)[:n]
         """Mode"""
 
     def __len__(self) -> int:
@@ -65,7 +67,7 @@ class JointCommand:
 
     def copy_from(self, other: JointCommand) -> None:
         """Take over all of another command's set-points, in place."""
-        self.table[...], self.mode[...] = other.table, other.mode
+        self.memory[...] = other.memory
 
     def follow(self, state: JointState) -> None:
         """Become the command of a robot that nobody commands: where it is, with no torque and no gains."""

@@ -13,7 +13,7 @@ import numpy as np
 from daemon.controllers.base import MotionController
 from daemon.controllers.cartesian_impedance import CartesianImpedance
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.end_conditions import first_met, force_frames
+from daemon.end_conditions import farthest_off, first_met, force_frames
 from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, TrajectoryMotion
 from daemon.manager import ClaimError, ControllerManager
 from daemon.robot_state import RobotState
@@ -185,14 +185,13 @@ class ActionTable:
 
     def _has_to_end(self, action: Action, last: JointCommand) -> bool:
         joints, clock = action.controller.joints, action.controller.clock
-        if trip := first_met(action.ends, action.running, joints, last.position, self._robot):
+        farthest = farthest_off(joints, last.position, self._robot.joints.position)
+        if trip := first_met(action.ends, action.running, joints, farthest, self._robot):
             action.outcome = Outcome.CONDITION
             action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
             return True
-        error = np.abs(self._robot.joints.position[joints] - last.position[joints])
-        worst = int(np.argmax(error))
-        if error[worst] > DIVERGED:
-            action.outcome, action.joint, action.value = Outcome.DIVERGED, int(joints[worst]), float(error[worst])
+        if farthest[1] > DIVERGED:
+            action.outcome, (action.joint, action.value) = Outcome.DIVERGED, farthest
             return True
         if action.ending is not Outcome.NONE and (clock.standing or clock.at_end):
             action.outcome = action.ending

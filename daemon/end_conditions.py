@@ -5,8 +5,10 @@ Each is a pure function from measurements to the value that tripped it, or None.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,11 +38,15 @@ class Trip(NamedTuple):
 
 
 def first_met(
-    ends: tuple[EndCondition, ...], running: float, joints: NDArray[np.int64], commanded: Array, robot: RobotState
+    ends: tuple[EndCondition, ...],
+    running: float,
+    joints: NDArray[np.int64],
+    farthest: tuple[int, float],
+    robot: RobotState,
 ) -> Trip | None:
     """The first of `ends` that is met in this cycle, in their order.
 
-    `running`: s that the action has run; `joints`: rows that it claims; `commanded`: (n,) rad as last written. Force conditions
+    `running`: s that the action has run; `joints`: rows that it claims; `farthest`: of them (`farthest_off`). Force conditions
     read `robot.forces`, which the caller keeps estimated at `force_frames(ends)`.
     """
     for number, end in enumerate(ends):
@@ -64,10 +70,8 @@ def first_met(
                 if room[closest] < end.margin:
                     value, joint = float(room[closest]), int(joints[closest])
             case DivergenceEnd():
-                error = np.abs(robot.joints.position[joints] - commanded[joints])
-                worst = int(np.argmax(error))
-                if error[worst] > end.error:
-                    value, joint = float(error[worst]), int(joints[worst])
+                if farthest[1] > end.error:
+                    joint, value = farthest
         if value is not None:
             return Trip(number, value, joint)
     return None
@@ -78,6 +82,21 @@ def force_frames(ends: tuple[EndCondition, ...]) -> tuple[str, ...]:
     return tuple(end.frame for end in ends if isinstance(end, ForceEnd | ContactEnd))
 
 
+def farthest_off(joints: NDArray[np.int64], commanded: Array, measured: Array) -> tuple[int, float]:
+    """(row, rad): the one of `joints` that is farthest from its command, and how far; `commanded`, `measured`: (n,) rad."""
+    return _farthest_off(joints, commanded, measured)
+
+
+@numba.njit(cache=True)
+def _farthest_off(joints, commanded, measured):  # type: ignore[no-untyped-def]
+    worst, most = joints[0], -1.0
+    for j in joints:
+        off = abs(measured[j] - commanded[j])
+        if off > most:
+            worst, most = j, off
+    return worst, most
+
+
 def beyond(value: float, limit: float) -> float | None:
     """`value` where it exceeds `limit`."""
     return value if value > limit else None
@@ -86,7 +105,8 @@ def beyond(value: float, limit: float) -> float | None:
 def distance(vector: Array, axis: tuple[float, float, float] | None) -> float:
     """Length of a vector (3,), or of its part along `axis` (any length but zero)."""
     if axis is None:
-        return float(np.sqrt(vector @ vector))
+        x, y, z = vector.tolist()
+        return math.sqrt(x * x + y * y + z * z)
     along = np.asarray(axis, float)
     return float(abs(vector @ along) / np.sqrt(along @ along))
 

@@ -120,6 +120,8 @@ class Loop:
 
     def serve_stop(self) -> bool:
         """The operator stop comes first, whatever else goes on. True when one came."""
+        if not self.stop_socket.waiting():
+            return False
         stopped = False
         for request in self.stop_socket.requests():
             if request.stop:

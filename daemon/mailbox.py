@@ -32,7 +32,9 @@ class MailboxReader:
             count=slots,
             payload_size=floats,
         )
-        self._words = np.frombuffer(self._memory, np.int64, WORDS)
+        self._words = memoryview(self._memory)[: WORDS * 8].cast(
+            "q"
+        )  # the loop looks in every cycle: quicker than numpy
         self._slots = _mail_slots(self._memory, command, slots, floats)
         self._taken = 0
 

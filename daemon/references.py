@@ -72,29 +72,31 @@ class HermitePath:
 
     def __init__(self, times: Array, positions: Array, velocities: Array):
         """`times` (k,) s, increasing from 0; `positions`, `velocities` (k, m) rad, rad/s."""
-        self._times, self._positions, self._velocities = times, positions, velocities
+        self._knots = np.column_stack(
+            (times, positions, velocities)
+        )  # one table: an array more costs a kernel's call more
         self._at = 0
         self.length = float(times[-1])
 
     def evaluate(self, s: float, position: Array, velocity: Array) -> None:
         """Write position (m,) rad and its derivative by s (m,) rad/s; s only grows from call to call, beyond the end it stays."""
-        self._at = _hermite(s, self._at, self._times, self._positions, self._velocities, position, velocity)
+        self._at = _hermite(s, self._at, self._knots, position, velocity)
 
 
 @numba.njit(cache=True)
-def _hermite(s, at, times, positions, velocities, position, velocity):  # type: ignore[no-untyped-def]
-    last = times.shape[0] - 1
-    if s >= times[last]:
-        position[:] = positions[last]
-        velocity[:] = velocities[last]
+def _hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
+    last, m = knots.shape[0] - 1, position.shape[0]
+    if s >= knots[last, 0]:
+        position[:] = knots[last, 1 : 1 + m]
+        velocity[:] = knots[last, 1 + m :]
         return last
-    while times[at + 1] <= s:
+    while knots[at + 1, 0] <= s:
         at += 1
-    h = times[at + 1] - times[at]
-    u = (s - times[at]) / h
+    h = knots[at + 1, 0] - knots[at, 0]
+    u = (s - knots[at, 0]) / h
     uu, uuu = u * u, u * u * u
-    for j in range(position.shape[0]):
-        p0, p1, v0, v1 = positions[at, j], positions[at + 1, j], velocities[at, j], velocities[at + 1, j]
+    for j in range(m):
+        p0, p1, v0, v1 = knots[at, 1 + j], knots[at + 1, 1 + j], knots[at, 1 + m + j], knots[at + 1, 1 + m + j]
         position[j] = (
             (2 * uuu - 3 * uu + 1) * p0 + (uuu - 2 * uu + u) * h * v0 + (3 * uu - 2 * uuu) * p1 + (uuu - uu) * h * v1
         )

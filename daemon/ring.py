@@ -38,28 +38,23 @@ class StateRingWriter:
         self._memory = create(
             path, WORDS * 8 + capacity * slot.itemsize, magic=MARK, record_size=record.itemsize, count=capacity
         )
-        self._words = np.frombuffer(self._memory, np.int64, WORDS)
-        slots = np.frombuffer(self._memory, slot, capacity, WORDS * 8)
-        self._sequences = slots["sequence"]
-        raw = np.frombuffer(self._memory, np.uint8, capacity * slot.itemsize, WORDS * 8).reshape(
-            capacity, slot.itemsize
-        )
-        self._rows = [row[8 : 8 + record.itemsize] for row in raw]
+        self._words = memoryview(self._memory).cast("q")  # single words cost less through it than through numpy
         self.record = np.zeros((), record)
         """the snapshot to be published next, shape (); keeps what was filled in before"""
-        self._bytes = self.record.reshape(1).view(np.uint8)
-        self._capacity = capacity
+        self._bytes = self.record.reshape(1).view(np.uint8).data
+        self._capacity, self._slot_size = capacity, slot.itemsize
         self.sequence = 0
         """of the snapshot published last; the first has 1"""
 
     def publish(self) -> int:
         """Let readers see a copy of `record`. Returns its sequence number."""
         sequence = self.sequence + 1
-        index = sequence % self._capacity
-        self._sequences[index] = -1
-        self._rows[index][:] = self._bytes
-        self._sequences[index] = sequence
-        self._words[COUNTER] = sequence
+        place = WORDS * 8 + sequence % self._capacity * self._slot_size
+        words, number, record = self._words, place // 8, place + 8
+        words[number] = -1
+        self._memory[record : record + len(self._bytes)] = self._bytes
+        words[number] = sequence
+        words[COUNTER] = sequence
         self.sequence = sequence
         return sequence
 

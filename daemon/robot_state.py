@@ -32,9 +32,8 @@ class FramePose(NamedTuple):
 class RobotState:
     """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
 
-    Gravity is there after `update`; the model's other passes run when somebody asks for a frame or a Jacobian, once a cycle
-    each. Arrays have one row a joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten
-    by the next `update`.
+    Gravity is there after `update`; forward kinematics run when somebody asks for a frame, once a cycle. Arrays have one row a
+    joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten by the next `update`.
     """
 
     def __init__(self, kinematics: Kinematics, joints: JointState, period: float):
@@ -50,9 +49,9 @@ class RobotState:
         self._rows = kinematics.index_v
         self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
-        self._torque_weight = 1.0 / kinematics.description.torque_limit
+        self._squared_weight = 1.0 / kinematics.description.torque_limit**2
         self._force_gain = 1.0 - np.exp(-2.0 * np.pi * _FORCE_CUTOFF_HZ * period)
-        self._measured_fresh = self._commanded_fresh = self._jacobians_fresh = False
+        self._measured_fresh = self._commanded_fresh = False
 
     def update(self, commanded_position: Array, commanded_velocity: Array) -> None:
         """Take the joints as measured now, and what was commanded in the cycle before, into the model."""
@@ -61,7 +60,7 @@ class RobotState:
         self._q_command[self._rows] = commanded_position
         self._v_command[self._rows] = commanded_velocity
         self.gravity[...] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
-        self._measured_fresh = self._commanded_fresh = self._jacobians_fresh = False
+        self._measured_fresh = self._commanded_fresh = False
 
     def frame(self, name: str) -> FramePose:
         """A frame where it is measured to be."""
@@ -106,14 +105,15 @@ class RobotState:
             del self.forces[old]
         if not frames:
             return
-        bias = pin.nonLinearEffects(self._model, self._measured, self._q, self._v)[self._rows]
-        residual = bias - self.joints.torque
+        bias = pin.nonLinearEffects(self._model, self._measured, self._q, self._v)
         for frame in frames:
-            force = _least_squares_force(self._model_jacobian(frame), self._rows, residual, self._torque_weight)
-            if frame in self.forces:
-                self.forces[frame] += self._force_gain * (force - self.forces[frame])
-            else:
-                self.forces[frame] = force
+            gain = self._force_gain
+            if frame not in self.forces:
+                self.forces[frame], gain = np.zeros(3), 1.0
+            jacobian = self._model_jacobian(frame)
+            _follow_force(
+                self.forces[frame], gain, jacobian, bias, self._rows, self.joints.torque, self._squared_weight
+            )
 
     def _measured_pass(self) -> pin.Data:
         """Forward kinematics at the measured joints."""
@@ -130,30 +130,26 @@ class RobotState:
         return self._commanded
 
     def _model_jacobian(self, name: str) -> Array:
-        if not self._jacobians_fresh:
-            pin.computeJointJacobians(self._model, self._measured, self._q)
-            self._jacobians_fresh = True
         frame = self.kinematics.frame_id(name)
-        return pin.getFrameJacobian(self._model, self._measured, frame, pin.LOCAL_WORLD_ALIGNED)
+        return pin.computeFrameJacobian(self._model, self._measured, self._q, frame, pin.LOCAL_WORLD_ALIGNED)
 
 
 @numba.njit(cache=True)
-def _least_squares_force(jacobian, rows, residual, weight):  # type: ignore[no-untyped-def]
-    """argmin over F (3,) of Σ_j (w_j (Jᵀ F − residual)_j)² + (noise |F| / largest)²; Cramer's rule on the normal matrix."""
-    a = np.zeros((3, 3))
-    b = np.zeros(3)
+def _follow_force(force, gain, jacobian, bias, rows, torque, squared_weight):  # type: ignore[no-untyped-def]
+    """Move `force` (3,) by `gain` towards argmin over F of Σ_j (w_j (Jᵀ F − bias + torque)_j)² + (noise |F| / largest)².
+
+    Cramer's rule on the normal equations [[a, b, c], [b, d, e], [c, e, f]] F = (x, y, z); p … u: the adjugate.
+    """
+    a = d = f = (_TORQUE_NOISE / _LARGEST_FORCE) ** 2
+    b = c = e = x = y = z = 0.0
     for j in range(rows.shape[0]):
-        w = weight[j] * weight[j]
-        for r in range(3):
-            wj = w * jacobian[r, rows[j]]
-            b[r] += wj * residual[j]
-            for c in range(3):
-                a[r, c] += wj * jacobian[c, rows[j]]
-    for r in range(3):
-        a[r, r] += (_TORQUE_NOISE / _LARGEST_FORCE) ** 2
-    determinant = np.dot(a[0], np.cross(a[1], a[2]))
-    force = np.empty(3)
-    force[0] = np.dot(b, np.cross(a[1], a[2])) / determinant
-    force[1] = np.dot(b, np.cross(a[2], a[0])) / determinant
-    force[2] = np.dot(b, np.cross(a[0], a[1])) / determinant
-    return force
+        row = rows[j]
+        residual, j0, j1, j2 = bias[row] - torque[j], jacobian[0, row], jacobian[1, row], jacobian[2, row]
+        w0, w1, w2 = squared_weight[j] * j0, squared_weight[j] * j1, squared_weight[j] * j2
+        x, y, z = x + w0 * residual, y + w1 * residual, z + w2 * residual
+        a, b, c, d, e, f = a + w0 * j0, b + w0 * j1, c + w0 * j2, d + w1 * j1, e + w1 * j2, f + w2 * j2
+    p, q, r, s, t, u = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * p + b * q + c * r
+    force[0] += gain * ((p * x + q * y + r * z) / determinant - force[0])
+    force[1] += gain * ((q * x + s * y + t * z) / determinant - force[1])
+    force[2] += gain * ((r * x + t * y + u * z) / determinant - force[2])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Mapping
+
 import numpy as np
 
 from daemon.actions import Action, ActionTable
@@ -12,10 +15,11 @@ from daemon.orders import Orders
 from daemon.robot_state import RobotState
 from hal.can.counting import BUSY_NS, RECEIVED, SENT
 from hal.hardware import Hardware
-from hal.joint import MEASURED, JointCommand
+from hal.joint import JointCommand
 
 # Fields of the snapshot that lie side by side and are written as one.
-_COUNTS = ("misses", "stale_replies", "crc_errors", "limited", "work_ns", "late_ns")
+_NUMBERS = ("cycle", "time_ns", "misses", "stale_replies", "crc_errors", "limited", "work_ns", "late_ns", "flags")
+_PACKED = struct.Struct(f"={len(_NUMBERS)}q")
 _TRAFFIC = ("frames_sent", "frames_received", "busy_ns")
 assert (SENT, RECEIVED, BUSY_NS) == (0, 1, 2), "the columns of a port's counters, in the order of _TRAFFIC"
 _HELD = int(Flag.HELD)
@@ -41,25 +45,34 @@ class SnapshotWriter:
         self._written: list[tuple[int, ActionState] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
         state, record = hardware.state, self._record
-        # Field views, made once: a field access on a numpy record costs more than the copy.
+        # Views of fields and blocks, made once: a field access on a numpy record costs more than the copy.
+        measured = (
+            "position",
+            "velocity",
+            "torque",
+            "temperature",
+            "age",
+            "measured_ns",
+            "status",
+            "error",
+            "sequence",
+        )
         self._copies = [
-            (_side_by_side(record, MEASURED), state.table),
-            (record["status"], state.status),
-            (record["error"], state.error),
-            (record["age"], state.age),
+            (_block(record, state.memory, {name: getattr(state, name) for name in measured}), state.memory),
             (_side_by_side(record, _TRAFFIC), hardware.counters.T),
             (record["claims"], manager.claims),
         ]
-        if len(hardware.devices):
-            self._copies += [
-                (record["device_values"], hardware.devices.values),
-                (record["device_age"], hardware.devices.age),
-            ]
-        self._command, self._mode = record["command"], record["mode"]
+        if len(devices := hardware.devices):
+            parts = {
+                "device_values": devices.values,
+                "device_age": devices.age,
+                "device_measured_ns": devices.measured_ns,
+            }
+            self._copies.append((_block(record, devices.memory, parts), devices.memory))
+        like = JointCommand(len(state))
+        self._command = _block(record, like.memory, {"command": like.table, "mode": like.mode})
         self._external_force, self._felt = record["external_force"], False
-        self._when = _side_by_side(record, ("cycle", "time_ns"))
-        self._counts = _side_by_side(record, _COUNTS)
-        self._flags = record["flags"]
+        self._numbers = _side_by_side(record, _NUMBERS).data.cast("B")
         self._path_force, self._progress = record["actions"]["path_force"], record["actions"]["progress"]
 
     def publish(
@@ -79,17 +92,15 @@ class SnapshotWriter:
         """
         for field, values in self._copies:
             field[...] = values
-        self._command[...] = written.table
-        self._mode[...] = written.mode
+        self._command[...] = written.memory
         forces = self._robot.forces
         if forces or self._felt:
             self._felt = bool(forces)
             self._external_force[...] = next(iter(forces.values())) if forces else 0.0
 
         flags = self._life.flags | (_HELD if holding else 0)
-        self._flags[...] = flags
-        self._when[:] = cycle, time_ns
-        self._counts[:] = misses, self._hardware.stale_replies, self._hardware.crc_errors, limited, work_ns, late_ns
+        stale, refused = self._hardware.stale_replies, self._hardware.crc_errors
+        _PACKED.pack_into(self._numbers, 0, cycle, time_ns, misses, stale, refused, limited, work_ns, late_ns, flags)
         news = (flags, self._life.stop_reason, self._orders.answered, tuple(holding))
         happened = self._write_actions(written, time_ns)
         if news != self._news:
@@ -132,6 +143,17 @@ def _side_by_side(record: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     for place, name in enumerate(names):
         assert fields[name][:2] == (kind, first + place * kind.itemsize), f"{names} do not lie side by side"
     return np.ndarray((len(names), *kind.shape), kind.base, record.reshape(1).view(np.uint8).data, first)
+
+
+def _block(record: np.ndarray, memory: np.ndarray, parts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The place in a record where a copy of `memory` fills the fields `parts`, which are views of it."""
+    fields = record.dtype.fields
+    assert fields is not None
+    first = min(fields[name][1] for name in parts)
+    for name, part in parts.items():
+        lies = fields[name][1] - first, fields[name][0].itemsize
+        assert lies == (part.ctypes.data - memory.ctypes.data, part.nbytes), f"{name} does not lie as in the memory"
+    return np.ndarray(memory.shape, memory.dtype, record.reshape(1).view(np.uint8).data, first)
 
 
 def _fill(row: object, action: Action, time_ns: int) -> None:

@@ -50,7 +50,7 @@ class JointState:
 
 
 class JointCommand:
-    """What is about to be written. All arrays have shape (n,), but for `memory` and `table`, whose views they are: never rebind them."""
+    """What is about to be written. All arrays have shape (n,), but for `memory` and `table`, whose views they are, as above."""
 
     def __init__(self, n: int):
         self.memory = np.zeros(5 * n + (n + 7) // 8, np.int64)

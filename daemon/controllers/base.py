@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -26,6 +27,11 @@ class Gains:
     """N·m/rad"""
     damping: Array
     """N·m·s/rad"""
+
+    @functools.cached_property
+    def table(self) -> Array:
+        """(2, n): both, in this order, for the kernel."""
+        return np.array([self.stiffness, self.damping], float)
 
 
 class Controller(ABC):
@@ -52,24 +58,16 @@ class Controller(ABC):
 
     def write_impedance(self, robot: RobotState, out: JointCommand, position: Array, velocity: Array) -> None:
         """Joint impedance about `position`, `velocity` (m,), with the model's gravity torque fed forward."""
-        _impedance(
-            self.joints, position, velocity, robot.gravity, self.gains.stiffness, self.gains.damping,
-            out.position, out.velocity, out.torque, out.stiffness, out.damping, out.mode,
-        )  # fmt: skip
+        _impedance(self.joints, position, velocity, robot.gravity, self.gains.table, out.table, out.mode)
 
 
 @numba.njit(cache=True)
-def _impedance(rows, position, velocity, gravity, stiffness, damping, q, v, tau, k, d, mode):  # type: ignore[no-untyped-def]
+def _impedance(rows, position, velocity, gravity, gains, out, mode):  # type: ignore[no-untyped-def]
     for i in range(rows.shape[0]):
         j = rows[i]
-        q[j], v[j], tau[j], k[j], d[j], mode[j] = (
-            position[i],
-            velocity[i],
-            gravity[j],
-            stiffness[j],
-            damping[j],
-            _IMPEDANCE,
-        )
+        out[0, j], out[1, j], out[2, j], out[3, j], out[4, j], mode[j] = (
+            position[i], velocity[i], gravity[j], gains[0, j], gains[1, j], _IMPEDANCE,
+        )  # fmt: skip
 
 
 class MotionController(Controller):

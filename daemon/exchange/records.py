@@ -157,20 +157,35 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
     )
     return np.dtype(
         [
+            # What the loop counts (daemon.snapshot writes it as one, as it does with the blocks below).
             ("cycle", "i8"),
             ("time_ns", "i8"),  # robot's clock
+            ("misses", "i8"),  # periods skipped
+            ("stale_replies", "i8"),
+            ("crc_errors", "i8"),
+            ("limited", "i8"),  # cycles in which the final limits changed a command
+            ("work_ns", "i8"),  # of this cycle, until its frames were sent
+            ("late_ns", "i8"),
+            ("flags", "i8"),
+            # hal.joint.JointState.memory
             ("position", "f8", n),
             ("velocity", "f8", n),
             ("torque", "f8", n),
             ("temperature", "f8", n),
-            ("command", "f8", (len(COMMAND_ROWS), n)),
-            ("mode", "u1", n),
-            ("claims", "u1", n),  # index into CONTROLLERS
-            ("external_force", "f8", 3),
+            ("age", "i8", n),  # cycles ago that the command was sent which the drive's last valid reply answers
+            ("measured_ns", "i8", n),  # on the clock of whoever runs the bus
             ("status", "u2", n),  # CiA 402 statusword
             ("error", "u1", n),
-            ("age", "i4", n),  # cycles since the drive's last valid reply
-            ("flags", "u4"),
+            ("sequence", "u1", n),
+            # hal.joint.JointCommand.memory, as written
+            ("command", "f8", (len(COMMAND_ROWS), n)),
+            ("mode", "u1", n),
+            # hal.device.DeviceState.memory
+            ("device_values", "f8", (devices, MEASURED)),  # hal.device's measured columns
+            ("device_age", "i8", devices),  # cycles since the device's last valid frame
+            ("device_measured_ns", "i8", devices),
+            ("claims", "u1", n),  # index into CONTROLLERS
+            ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8
             ("holds", "u4", MAX_HOLDS),  # owners that hold simulated time, 0: none
             ("answered", "u8"),  # serial of the last command handled
@@ -178,17 +193,9 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("answer_joint", "i2"),
             ("answer_value", "f8"),
             ("actions", action, SLOTS),
-            ("misses", "i8"),  # periods skipped
-            ("stale_replies", "i8"),
-            ("crc_errors", "i8"),
-            ("limited", "i8"),  # cycles in which the final limits changed a command
-            ("work_ns", "i8"),  # of this cycle, until its frames were sent
-            ("late_ns", "i8"),
             ("frames_sent", "i8", channels),
             ("frames_received", "i8", channels),
             ("busy_ns", "i8", channels),  # bus time in use since the start, both directions
-            ("device_values", "f8", (devices, MEASURED)),  # hal.device's measured columns
-            ("device_age", "i8", devices),  # cycles since the device's last valid frame
         ],
         align=True,
     )

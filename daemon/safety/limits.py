@@ -75,7 +75,7 @@ def enforce(command: JointCommand, previous: JointCommand, state: JointState, li
     A position already outside its limits may come back but not go further out. Torque and torque rate are judged after the
     other set-points have been cut, and kept by the feed-forward torque; where they contradict each other, torque wins.
     """
-    return _enforce(command.table, previous.table, state.position, state.velocity, limits.table, limits.period)
+    return _enforce(command.table, previous.table, state.table, limits.table, limits.period)
 
 
 # Few arguments, whole tables: handing an array to a compiled kernel costs more than what this one does with a row.
@@ -90,8 +90,8 @@ def _first_not_finite(command):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _enforce(command, previous, qm, vm, limits, dt):  # type: ignore[no-untyped-def]
-    changed = 0
+def _enforce(command, previous, measured, limits, dt):  # type: ignore[no-untyped-def]
+    changed, qm, vm = 0, measured[0], measured[1]
     for j in range(command.shape[1]):
         q, v, torque, k, d = command[0, j], command[1, j], command[2, j], command[3, j], command[4, j]
         q0, v0, t0, k0, d0 = previous[0, j], previous[1, j], previous[2, j], previous[3, j], previous[4, j]

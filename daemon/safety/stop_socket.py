@@ -38,16 +38,20 @@ class StopSocket:
             path.unlink()
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._socket.bind(str(path))
-        self._waiting = select.poll()
-        self._waiting.register(self._socket, select.POLLIN)
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
 
     def fileno(self) -> int:
         """Readable when a datagram waits."""
         return self._socket.fileno()
 
+    def waiting(self) -> bool:
+        """True when something has arrived. Asking costs less than trying in vain, which nearly every try would be."""
+        return bool(self._poll.poll(0))
+
     def requests(self) -> Iterator[StopRequest]:
         """What has arrived, in order. Each sender is answered after its request has been acted upon."""
-        while self._waiting.poll(0):  # cheaper than to try in vain, and nearly always that is what it would be
+        while self.waiting():
             try:
                 data, sender = self._socket.recvfrom(4096)
             except BlockingIOError:

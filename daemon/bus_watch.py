@@ -37,7 +37,7 @@ class BusWatch:
         while not self._closing.wait(_PERIOD_S):
             try:
                 bus = bus or HubControl(self._path, timeout_s=_PATIENCE_S)
-                self._states = {node.channel: node.state for node in bus.report().nodes if node.name == NODE}
+                self._states = {node.channel: node.state for node in bus.node(NODE)}
             except (
                 BusLost,
                 ValueError,

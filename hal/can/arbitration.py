@@ -42,37 +42,34 @@ def priority(words, row):
 
 
 @njit(cache=True)
-def admit(words, start, n, bus_map):
-    """Check n records from row `start` on and move the good ones together; returns how many are good.
+def admit(words, row, bus_map, out, to):
+    """Copy record `row` to row `to` of `out` if it is a good one; returns whether it is.
 
     `bus_map` (16,) turns the sender's channel index into the hub's, −1 where it has none. A record is good when its bus is
     known, its identifier fits, and its length is one that CAN (or CAN FD) has; bytes beyond the length are set to zero.
     """
-    good = start
-    for row in range(start, start + n):
-        head = words[WORDS * row + 1]
-        can_id, length = np.int64(head & np.uint64(0xFFFFFFFF)), np.int64((head >> np.uint64(32)) & _BYTE)
-        flags, bus = np.int64((head >> np.uint64(40)) & _BYTE), np.int64((head >> _BUS_SHIFT) & _BYTE)
-        if bus >= bus_map.shape[0] or bus_map[bus] < 0 or flags >= 2 * REMOTE:
-            continue
-        if can_id > (0x1FFFFFFF if flags & EXTENDED else 0x7FF):
-            continue
-        if flags & FD:
-            if flags & REMOTE or length > 64:
-                continue
-            if length > 8 and not (length <= 24 and length % 4 == 0) and length not in (32, 48, 64):
-                continue
-        elif length > 8 or flags & 3:
-            continue
-        to, source = WORDS * good, WORDS * row
-        words[to] = words[source]
-        words[to + 1] = head & np.uint64(0x0000FFFFFFFFFFFF) | np.uint64(bus_map[bus]) << _BUS_SHIFT
-        for i in range(8):
-            used = min(max((0 if flags & REMOTE else length) - 8 * i, 0), 8)
-            word = words[source + 2 + i]
-            words[to + 2 + i] = word if used == 8 else word & ((np.uint64(1) << np.uint64(8 * used)) - np.uint64(1))
-        good += 1
-    return good - start
+    head = words[WORDS * row + 1]
+    can_id, length = np.int64(head & np.uint64(0xFFFFFFFF)), np.int64((head >> np.uint64(32)) & _BYTE)
+    flags, bus = np.int64((head >> np.uint64(40)) & _BYTE), np.int64((head >> _BUS_SHIFT) & _BYTE)
+    if bus >= bus_map.shape[0] or bus_map[bus] < 0 or flags >= 2 * REMOTE:
+        return False
+    if can_id > (0x1FFFFFFF if flags & EXTENDED else 0x7FF):
+        return False
+    if flags & FD:
+        if flags & REMOTE or length > 64:
+            return False
+        if length > 8 and not (length <= 24 and length % 4 == 0) and length not in (32, 48, 64):
+            return False
+    elif length > 8 or flags & 3:
+        return False
+    at, source = WORDS * to, WORDS * row
+    out[at] = words[source]
+    out[at + 1] = head & np.uint64(0x0000FFFFFFFFFFFF) | np.uint64(bus_map[bus]) << _BUS_SHIFT
+    for i in range(8):
+        used = min(max((0 if flags & REMOTE else length) - 8 * i, 0), 8)
+        word = words[source + 2 + i]
+        out[at + 2 + i] = word if used == 8 else word & ((np.uint64(1) << np.uint64(8 * used)) - np.uint64(1))
+    return True
 
 
 @njit(cache=True)
@@ -87,26 +84,26 @@ def by_priority(words, n, order):
 
 
 @njit(cache=True)
-def arbitrate(words, order, node, n, now, bitrates, totals, identifiers, out, out_node, heads, following):
+def arbitrate(words, node, n, now, bitrates, totals, identifiers, out, out_node, heads, following, buses):
     """Put n waiting frames onto their buses; `out` gets them in the order in which they end, time_ns set to that end.
 
-    words: the waiting records; order (≥ n,): rows as they were queued; node (≥ n,): who queued each row.
+    words: the waiting records, as they were queued; node (≥ n,): who queued each row.
     now: ns, when they wait; bitrates (c, 2): nominal and data bit/s; totals, identifiers: hal.can.tally, updated.
-    heads (c, nodes, 2), all −1 between calls, and following (≥ n,): work space.
+    heads (c, nodes, 2), all −1 between calls, following (≥ n,) and buses (3, c): work space.
     """
     channels = heads.shape[0]
-    waiting = np.zeros(channels, np.int64)  # nodes with frames on each bus: heads[bus, :waiting, 1]
-    for k in range(n - 1, -1, -1):
-        row = order[k]
+    # Of each bus: nodes with frames on it, heads[bus, :waiting, 1]; the row that wins it next, −1: none; when that one ends.
+    waiting, winner, end = buses[0], buses[1], buses[2]
+    waiting[:] = 0
+    for row in range(n - 1, -1, -1):
         bus, who = bus_of(words, row), node[row]
         following[row] = heads[bus, who, 0]
         if following[row] < 0:
             heads[bus, waiting[bus], 1] = who
             waiting[bus] += 1
         heads[bus, who, 0] = row
-    winner, end = np.full(channels, -1, np.int64), np.zeros(channels, np.int64)
     for bus in range(channels):
-        totals[bus, FREE] = max(totals[bus, FREE], now)
+        totals[bus, FREE], winner[bus] = max(totals[bus, FREE], now), -1
         if waiting[bus]:
             winner[bus] = _next(words, heads, bus, waiting)
             end[bus] = totals[bus, FREE] + frame_ns(words, winner[bus], bitrates[bus, 0], bitrates[bus, 1])

@@ -1,8 +1,9 @@
 """Talking to the hub about the bus itself: who is on it, how loaded it is, and which faults it shall have.
 
 The same socket as the frames' (hal.can.wire), joined with `Hello(role="control")`: then every datagram is one request in JSON,
-answered by one datagram: `{"type":"get_bus"}`, `{"type":"add_fault","fault":{"kind":"drop"}}`, `{"type":"clear_fault"}`. The hub
-answers between two turns of the bus; nothing here touches the way of the frames.
+answered by one datagram: `{"type":"get_bus"}`, `{"type":"get_node","name":"daemon"}`, `{"type":"clear_fault"}`,
+`{"type":"add_fault","fault":{"kind":"drop"}}`. The hub answers between two turns of the bus; nothing here touches the way of the
+frames.
 """
 
 from __future__ import annotations
@@ -77,6 +78,18 @@ class GetBus(msgspec.Struct, tag="get_bus"):
     """Asks for a `BusReport`."""
 
 
+class GetNode(msgspec.Struct, tag="get_node", kw_only=True, forbid_unknown_fields=True):
+    """Asks how one node fares; answered by `NodeStates`, which costs the hub next to nothing."""
+
+    name: str
+
+
+class NodeStates(msgspec.Struct, tag="node", kw_only=True):
+    """The node on each of its channels; none where nobody is called so."""
+
+    nodes: list[NodeState]
+
+
 class AddFault(msgspec.Struct, tag="add_fault", kw_only=True, forbid_unknown_fields=True):
     """Lays a fault on the bus; answered by `FaultAdded`."""
 
@@ -101,8 +114,8 @@ class FaultsCleared(msgspec.Struct, tag="faults_cleared", kw_only=True):
     count: int
 
 
-Answer = BusReport | FaultAdded | FaultsCleared | Sorry
-decode_request = msgspec.json.Decoder(GetBus | AddFault | ClearFault).decode
+Answer = BusReport | NodeStates | FaultAdded | FaultsCleared | Sorry
+decode_request = msgspec.json.Decoder(GetBus | GetNode | AddFault | ClearFault).decode
 _decode_answer = msgspec.json.Decoder(Answer).decode
 
 
@@ -122,6 +135,12 @@ class HubControl:
         assert isinstance(answer, BusReport)
         return answer
 
+    def node(self, name: str) -> list[NodeState]:
+        """The node of this name on each of its channels; none where nobody is called so. Raises BusLost."""
+        answer = self._ask(GetNode(name=name))
+        assert isinstance(answer, NodeStates)
+        return answer.nodes
+
     def add(self, fault: Fault) -> int:
         """Lay a fault on the bus; returns its number. Raises ValueError with the hub's words when it refuses, BusLost."""
         answer = self._ask(AddFault(fault=fault))
@@ -138,7 +157,7 @@ class HubControl:
         """Leave. Faults that were laid on the bus stay."""
         self._socket.close()
 
-    def _ask(self, request: GetBus | AddFault | ClearFault) -> Answer:
+    def _ask(self, request: GetBus | GetNode | AddFault | ClearFault) -> Answer:
         try:
             self._socket.send(wire.encode(request))
             if not self._poll.poll(_ANSWER_S * 1000):

@@ -1,12 +1,12 @@
 """The virtual CAN bus: a hub that arbitrates frames by identifier and sends every frame to everybody else.
 
-Processes join over a Unix seqpacket socket (hal.can.wire); the simulated drives sit in the hub's own process and use `poll`
-and `transmit`. No listener can hold up the bus: what a slow one has not taken waits in a bounded queue, then is dropped,
+Processes join over a Unix seqpacket socket (hal.can.wire, hal.can.members); the simulated drives sit in the hub's own process and
+use `poll` and `transmit`. No listener can hold up the bus: what a slow one has not taken waits in a bounded queue, then is dropped,
 counted, and told to it (hal.can.frames.LOST). Timestamps are when a frame would have ended on a real bus of that bit rate,
-counted on the hub's clock; frames are passed on at once.
+counted on the hub's clock; frames are passed on at once (hal.can.quick_path).
 
 With bit timing on, frames wait in their sender's FIFO, go out as the arbitration lets them, and are passed on when they end. So
-do they while a fault is on the bus, though then only a babbling node makes them take their time (hal.can.traffic).
+do they while a fault is on the bus, though then only a babbling node makes them take their time (hal.can.careful_path).
 
     python -m hal.can.hub --runtime DIR --channels can0,can1      a bus without a robot, for tests and tools
 """
@@ -18,53 +18,42 @@ import contextlib
 import os
 import select
 import signal
-import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import control, faults, tally, transit, wire
+from hal.can import control, faults, wire
 from hal.can.alarm import Alarm
-from hal.can.arbitration import admit, arbitrate, by_priority
-from hal.can.arbitration import select as select_records
-from hal.can.control import BusReport, ChannelState, IdentifierLoad, NodeState
+from hal.can.careful_path import CarefulPath
+from hal.can.control import BusReport, NodeState
 from hal.can.faults import Fault
-from hal.can.frames import BYTES, EXTENDED, MAX_CHANNELS, RECORD, TICK, WORDS
+from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK
+from hal.can.hub_report import ChannelStatistics, Reporter
+from hal.can.members import Members
 from hal.can.node import Node
-from hal.can.timing import BusTiming, LoadMeter
-from hal.can.traffic import TURN_ROOM, Traffic
+from hal.can.quick_path import CAPACITY, MOST_NODES, QuickPath
+from hal.can.tally import Tally
+from hal.can.timing import BusTiming
+from hal.can.traffic import Traffic
 from hal.realtime import RealTime
 from handrail.config import ConfigError
 from handrail.runtime import Runtime
 
 _PRIORITY = 60  # below plant and daemon
-_CAPACITY = 8192
-"""Records that one poll takes in."""
 _TURN = 16
 """Datagrams that one poll takes from one node, so that a flood from one can't starve the others."""
+_SPARED = 8
+"""lock-step: polls in which a node from which a second datagram was awaited in vain is not asked for one"""
 _QUEUE = 65536
 """Records that wait for one slow listener, about 5 MB."""
 _FIFO = 128
 """Frames that a node's transmit FIFO on one channel holds: at 1/5 Mbit/s some 20 ms of a full bus."""
-_MOST_NODES = 64
-"""Processes on the bus; node 0 is the hub itself. Its own drives are numbered behind."""
-
-
-@dataclass(frozen=True)
-class ChannelStatistics:
-    """What one channel has carried."""
-
-    name: str
-    frames: int
-    busy_ns: int
-    load: float
-    """share of the time in use over about the last second of the hub's clock; above 1: more than the bus can carry"""
+_IN, _OUT = select.EPOLLIN, select.EPOLLOUT
 
 
 class Hub:
@@ -92,74 +81,27 @@ class Hub:
         names = [channel.name for channel in self.channels]
         if not 1 <= len(names) <= MAX_CHANNELS or len(set(names)) != len(names):
             raise ValueError(f"hub: channels {names}; expected 1 to {MAX_CHANNELS} different names")
-        self._clock, self._queue = clock, queue
-        count = len(names)
-        self._bitrates = np.array([(c.bitrate, c.data_bitrate) for c in self.channels], np.int64)
-        self._totals, self._identifiers = tally.totals(count), tally.identifiers(count)
-        self._meters = [LoadMeter() for _ in names]
+        self._clock, self._timing, self._fifo = clock, timing, fifo
+        self._names = ["hub", *(f"node{number}" for number in range(1, MOST_NODES))]
+        self._tally, self._own_channels = Tally(self.channels), np.zeros(0, np.int64)
+        self._reporter = Reporter(self.channels, self._tally, self._names)
         self.refused = 0
         """records that were no CAN frames, or for a channel that is not there"""
         self.dropped = 0
         """records dropped for slow listeners"""
-        self._inbox = np.zeros(WORDS * (_CAPACITY + wire.MAX_RECORDS + 1), np.uint64)
-        self._ordered = np.zeros(WORDS * TURN_ROOM, np.uint64)
-        self._selected = np.zeros(WORDS * (TURN_ROOM + _CAPACITY), np.uint64)
+        self._lockstep = False
         self._ticks_owed = 0
-        self._inbox_bytes = self._inbox.data.cast("B")
-        self._selected_bytes = self._selected.data.cast("B")
-        self._records = self._ordered.view(RECORD)
-        self._node, self._ordered_node = np.zeros(_CAPACITY, np.int64), np.zeros(TURN_ROOM, np.int64)
-        self._as_they_came, self._order = np.arange(_CAPACITY), np.zeros(_CAPACITY, np.int64)
-        self._heads, self._following = np.full((count, _MOST_NODES, 2), -1, np.int64), np.zeros(_CAPACITY, np.int64)
-        self._own_channels: tuple[int, ...] = ()
-        self._timing, self._fifo = timing, fifo
-        self._names = ["hub", *(f"node{number}" for number in range(1, _MOST_NODES))]
-        self._traffic = self._new_traffic()
-        self._unread: list[npt.NDArray[np.void]] = []
-        self._cycle: tuple[int, int, int] | None = None  # lock-step: period in ns, identifiers of Sync and HoldTime
-        self.heard: tuple[int, int] | None = None
-        """lock-step: how many Sync and HoldTime the last `poll` took in, whatever the bus then did to them; None: the quick
-        path, on which they are among the frames that `poll` gave"""
-        self._inbox_records = self._inbox.view(RECORD)
-        self._own = np.where(np.arange(MAX_CHANNELS) < count, np.arange(MAX_CHANNELS), -1)
-        self._warm()
-        self._nodes: dict[int, Node] = {}
-        self._path = Path(path)
-        self._listener = _listen(self._path)
+        self._sent_by: list[Node] = []  # whose datagrams this poll has taken
+        self._lay_paths()
         self._epoll = select.epoll()
-        self._epoll.register(self._listener, select.EPOLLIN)
+        self._members = Members(Path(path), self.channels, self._epoll, queue)
         self._alarm = Alarm()
-        self._epoll.register(self._alarm, select.EPOLLIN)
+        self._epoll.register(self._alarm, _IN)
 
-    def _new_traffic(self) -> Traffic:
-        return Traffic(
-            self.channels, self._totals, self._identifiers, self._names, timing=self._timing, fifo=self._fifo
-        )
-
-    def _warm(self) -> None:
-        # Compile every kernel before anybody joins: a slow first cycle would fill the sockets.
-        self._inbox[:WORDS] = 0
-        admit(self._inbox, 0, 1, self._own)
-        by_priority(self._inbox, 1, self._order)
-        self._arbitrate(self._as_they_came, 1, 0)
-        select_records(self._ordered, self._ordered_node, 1, 0, self._own, self._selected)
-        self._totals[:] = 0
-        self._identifiers[:] = 0
-
-    def _arbitrate(self, order: npt.NDArray[np.int64], n: int, now: int) -> None:
-        arbitrate(
-            self._inbox, order, self._node, n, now, self._bitrates, self._totals, self._identifiers,
-            self._ordered, self._ordered_node, self._heads, self._following,
-        )  # fmt: skip
-
-    def fileno(self) -> int:
-        """A file descriptor that is readable when `poll` has something to do."""
-        return self._epoll.fileno()
-
-    @property
-    def listeners(self) -> int:
-        """Processes that have joined."""
-        return sum(node.greeted and not node.control for node in self._nodes.values())
+    def _lay_paths(self) -> None:
+        self._quick = QuickPath(self._tally, len(self._own_channels))
+        self._traffic = Traffic(self.channels, self._tally, self._names, timing=self._timing, fifo=self._fifo)
+        self._careful = CarefulPath(self._quick, self._traffic)
 
     def own_nodes(self, names: Sequence[str], channels: Sequence[str]) -> None:
         """Say who the hub's own nodes are, and on which channel each is; `transmit` counts them in this order.
@@ -178,11 +120,10 @@ class Hub:
                 raise ValueError(f"hub: own node {name}: channel {channel!r}; expected one of {known}")
         if self.listeners or self._traffic.disturbance:
             raise ValueError("hub: own nodes: the bus is in use already; expected before anybody joins")
-        self._own_channels = tuple(known.index(channel) for channel in channels)
-        self._names[_MOST_NODES:] = names
-        self._heads = np.full((len(known), len(self._names), 2), -1, np.int64)
-        self._traffic = self._new_traffic()
-        for number, bus in enumerate(self._own_channels, _MOST_NODES):
+        self._own_channels = np.array([known.index(channel) for channel in channels], np.int64)
+        self._names[MOST_NODES:] = names
+        self._lay_paths()
+        for number, bus in enumerate(self._own_channels.tolist(), MOST_NODES):
             self._traffic.join(number, [bus])
 
     def lockstep(self, period_ns: int, sync: int, hold: int) -> None:
@@ -191,19 +132,10 @@ class Hub:
         On a bus that keeps bit timing a cycle's frames then have a period's time, as they would: what has not ended by then
         comes in the next cycle. HoldTime, which says that time stands, takes no time on the bus.
         """
-        self._cycle = (period_ns, sync, hold)
+        self._lockstep = True
+        self._careful.lockstep(period_ns, sync, hold)
 
-    def deaf(self) -> npt.NDArray[np.bool_] | None:
-        """(own nodes,) which of the hub's own nodes hear nothing: bus-off, or their cable is cut. None: all hear."""
-        if not self._traffic.impaired:
-            return None
-        numbers = np.arange(_MOST_NODES, len(self._names))
-        return ~self._traffic.hears(numbers, np.array(self._own_channels, np.int64))
-
-    @property
-    def careful(self) -> bool:
-        """Frames may be under way that nobody sends any more: bit timing is on, or a fault is or was on the bus."""
-        return self._traffic.careful or bool(self._unread)
+    # ------------------------------------------------------------------------------------------------------------ frames
 
     def poll(self, timeout_s: float | None = 0.0) -> npt.NDArray[np.void]:
         """Frames from the other processes since the last call, in the order in which the buses carry them.
@@ -212,34 +144,28 @@ class Hub:
         calls. The frames have been passed on to everybody else; the view holds until the next `poll` or `transmit`.
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
-        wait = timeout_s
-        self.heard = None
+        wait, quick, careful = timeout_s, self._quick, self._careful
+        careful.heard = None
         while True:
-            if self._traffic.careful or self._unread:
-                wait = self._careful_wait(deadline)
-            n = 0
-            for descriptor, event in self._epoll.poll(wait):
-                if descriptor == self._listener.fileno():
-                    self._accept()
-                elif descriptor == self._alarm.fileno():
-                    self._alarm.set(None)
-                elif (node := self._nodes.get(descriptor)) is not None:
-                    if event & select.EPOLLOUT and not node.flush(self._clock):
-                        self._epoll.modify(node.connection, select.EPOLLIN)
-                    if event & ~select.EPOLLOUT:
-                        n = self._take(node, n)
-            if self._traffic.careful or self._unread:
-                received = self._turn(n)
-                if n or len(received):
-                    return received
-            elif n:
-                self._arbitrate(self._as_they_came, n, self._clock())
-                self._pass_on(n)
-                return self._records[:n]
+            if careful.needed:
+                wait = careful.wait(self._alarm, self._clock, deadline)
+            n = self._gather(wait)
+            if careful.needed:
+                good = quick.admit_inbox(n)
+                ended = careful.turn(good, self._clock())
+                self._pass_on_selected(ended)
+                received = careful.read(ended)
+            else:
+                good = quick.carry_inbox(n, self._clock()) if n else 0
+                self._pass_on(good)
+                received = quick.records[:good]
+            self.refused += n - good
+            if good or len(received):
+                return received
             if deadline is not None:
                 wait = deadline - time.monotonic()
                 if wait <= 0.0:
-                    return self._records[:0]
+                    return quick.records[:0]
 
     def transmit(
         self, records: npt.NDArray[np.void], senders: npt.NDArray[np.int64] | None = None
@@ -250,82 +176,197 @@ class Hub:
         own. Returns the frames as the buses carried them; the view holds until the next `poll` or `transmit`. Raises
         ValueError when a record is no CAN frame, its channel is not there or a sender is none of `own_nodes`.
         """
-        n = len(records)
-        if n > _CAPACITY:
-            raise ValueError(f"hub: {n} records at once; expected at most {_CAPACITY}")
-        self._inbox[: WORDS * n] = np.ascontiguousarray(records).view(np.uint64)
-        good = admit(self._inbox, 0, n, self._own)
-        if good != n:
-            raise ValueError(f"hub: {n - good} of {n} records are no CAN frames or name a channel that is not there")
-        if senders is not None:
-            if len(senders) != n or (n and not 0 <= senders.min() <= senders.max() < len(self._own_channels)):
-                raise ValueError(f"hub: senders {senders}; expected {n} places in {len(self._own_channels)} own nodes")
-            np.add(senders, _MOST_NODES, out=self._node[:n])
+        n, quick = len(records), self._quick
+        if n > CAPACITY:
+            raise ValueError(f"hub: {n} records at once; expected at most {CAPACITY}")
+        words = (records if records.flags.c_contiguous else np.ascontiguousarray(records)).view(np.uint64)
         if self._traffic.careful:
-            if senders is None:
-                self._node[:n] = 0
-            received = self._turn(n, takes_in=False)
-            if len(received):
-                self._unread.append(received.copy())
-            return self._records[: self._carried]
-        if senders is None:
-            by_priority(self._inbox, n, self._order)
-            self._node[:n] = 0
-            self._arbitrate(self._order, n, self._clock())
-        else:
-            self._arbitrate(self._as_they_came, n, self._clock())
-        self._pass_on(n, ticks=True)
-        return self._records[:n]
+            quick.take_own(words, n, senders)
+            ended = self._careful.turn(n, self._clock(), takes_in=False)
+            self._pass_on_selected(ended)
+            self._careful.leave_unread(ended)
+            return quick.records[:ended]
+        ticks, self._ticks_owed = self._ticks_owed, 0
+        quick.transmit(words, n, senders, self._clock(), ticks)
+        self._sent_by.clear()
+        self._pass_on(n, ticks)
+        return quick.records[:n]
+
+    def owe_ticks(self, count: int) -> None:
+        """So many cycles of the plant's are over with the next `transmit`: where that can be, it carries the word along."""
+        self._ticks_owed = count
+
+    def tick(self) -> None:
+        """Tell those who want to know that cycles of the plant's are over, if no `transmit` has: all that was said in them has
+        been passed on."""
+        if self._ticks_owed:
+            notices = np.zeros(self._ticks_owed, RECORD)
+            notices["flags"], notices["time_ns"] = TICK, self._clock()
+            for node in self._members.greeted:
+                if node.ticks:
+                    self._send(node, memoryview(notices.tobytes()), len(notices))
+            self._ticks_owed = 0
+
+    @property
+    def heard(self) -> tuple[int, int] | None:
+        """lock-step: how many Sync and HoldTime the last `poll` took in, whatever the bus then did to them; None: the quick
+        path, on which they are among the frames that `poll` gave"""
+        return self._careful.heard
+
+    @property
+    def careful(self) -> bool:
+        """Frames may be under way that nobody sends any more: bit timing is on, or a fault is or was on the bus."""
+        return self._careful.needed
+
+    def deaf(self) -> npt.NDArray[np.bool_] | None:
+        """(own nodes,) which of the hub's own nodes hear nothing: bus-off, or their cable is cut. None: all hear."""
+        if not self._traffic.impaired:
+            return None
+        numbers = np.arange(MOST_NODES, len(self._names))
+        return ~self._traffic.hears(numbers, self._own_channels)
+
+    def _pass_on(self, n: int, ticks: int = 0) -> None:
+        """Send n frames of the quick path to everybody else, and behind them, to those who want it, the word that so many cycles
+        are over."""
+        quick, sent_by = self._quick, self._sent_by
+        if n + ticks == 0:
+            return
+        for node in self._members.greeted:
+            told = ticks if node.ticks else 0
+            if node not in sent_by or node.own_frames:
+                if node.hears_all:
+                    self._send(node, quick.carried_bytes, n + told)
+                    continue
+            elif len(sent_by) == 1:
+                continue
+            count = quick.select(n, node.outbound, None if node.own_frames else node.number)
+            if told:
+                quick.append(count, n, told)
+            self._send(node, quick.selected_bytes, count + told)
+
+    def _pass_on_selected(self, n: int) -> None:
+        """Send n frames of the careful path to everybody else who hears."""
+        if n == 0:
+            return
+        every = np.arange(len(self.channels))
+        for node in self._members.greeted:
+            wanted = node.outbound
+            if self._traffic.impaired:
+                wanted = wanted.copy()
+                wanted[: len(every)][~self._traffic.hears(np.full(len(every), node.number), every)] = -1
+            count = self._quick.select(n, wanted, None if node.own_frames else node.number)
+            self._send(node, self._quick.selected_bytes, count)
+
+    def _send(self, node: Node, records: memoryview, count: int) -> None:
+        for start in range(0, count, wire.MAX_RECORDS):
+            datagram = records[BYTES * start : BYTES * min(count, start + wire.MAX_RECORDS)]
+            if not node.send(datagram):
+                waits = node.waiting
+                self.dropped += node.keep(datagram, self._clock)
+                if node.waiting and not waits:
+                    self._epoll.modify(node.connection, _IN | _OUT)
+
+    # --------------------------------------------------------------------------------------------------------- processes
+
+    def fileno(self) -> int:
+        """A file descriptor that is readable when `poll` has something to do."""
+        return self._epoll.fileno()
+
+    @property
+    def listeners(self) -> int:
+        """Processes that have joined."""
+        return len(self._members.greeted)
+
+    def close(self) -> None:
+        """Leave: every process on the bus notices."""
+        for node in list(self._members.nodes.values()):
+            self._part(node)
+        self._alarm.close()
+        self._epoll.close()
+        self._members.close()
+
+    def _gather(self, wait: float | None) -> int:
+        """Wait for processes, and take in what they have sent; returns how many records the inbox holds."""
+        n, nodes = 0, self._members.nodes
+        self._sent_by.clear()
+        for descriptor, event in self._epoll.poll(wait):
+            if (node := nodes.get(descriptor)) is not None:
+                if event & _OUT and not node.flush(self._clock):
+                    self._epoll.modify(node.connection, _IN)
+                if event & ~_OUT:
+                    n = self._take(node, n)
+            elif descriptor == self._alarm.fileno():
+                self._alarm.set(None)
+            elif descriptor == self._members.fileno():
+                self._members.admit_next(lambda number: not self._traffic.is_sending(number))
+        return n
+
+    def _take(self, node: Node, n: int) -> int:
+        """Read a node's datagrams behind the n records that are there; returns how many there are then."""
+        start, leaves = n, False
+        receive, inbox = node.connection.recv_into, self._quick.inbox_bytes
+        turns = 1 if node.spared else _TURN
+        node.spared = max(0, node.spared - 1)
+        for turn in range(turns):
+            if n + wire.MAX_RECORDS > CAPACITY:
+                break
+            try:
+                size = receive(inbox[BYTES * n :], wire.MAX_BYTES + 1)
+            except BlockingIOError:
+                if turn and self._lockstep:  # who sends a datagram a cycle has no second one
+                    node.spared = _SPARED
+                break
+            except OSError:
+                size = 0
+            if size and not (node.greeted and not node.control):
+                datagram = bytes(inbox[BYTES * n : BYTES * n + size])
+                if node.greeted:
+                    self._serve(node, datagram)
+                    continue
+                if self._greet(node, datagram):
+                    continue
+                size = 0
+            if size == 0 or size > wire.MAX_BYTES or size % BYTES:
+                # It left, or speaks something else: nothing that it says from here on can be trusted.
+                leaves = True
+                break
+            n += size // BYTES
+        if n > start:
+            self._quick.inbox_senders[start:n] = node.number
+            self._sent_by.append(node)
+        if leaves:
+            self._part(node)
+        return n
+
+    def _greet(self, node: Node, datagram: bytes) -> bool:
+        if not self._members.greet(node, datagram):
+            return False
+        if not node.control:
+            self._names[node.number] = node.name
+            self._quick.inbound[node.number] = node.inbound
+            self._traffic.join(node.number, np.flatnonzero(node.outbound >= 0).tolist())
+            self._traffic.changed(self._clock())
+        return True
+
+    def _part(self, node: Node) -> None:
+        self._members.part(node)
+        if node.greeted and not node.control:
+            self._traffic.leave(node.number)
+
+    # ------------------------------------------------------------------------------------------------- about the bus itself
 
     def report(self) -> BusReport:
         """Everything about the bus at this moment."""
-        carried = self.statistics()
-        channels = [
-            ChannelState(
-                name=channel.name,
-                bitrate=channel.bitrate,
-                data_bitrate=channel.data_bitrate,
-                frames=of.frames,
-                busy_ns=of.busy_ns,
-                error_frames=int(self._totals[bus, tally.ERRORS]),
-                load=of.load,
-                identifiers=[
-                    IdentifierLoad(can_id=can_id, extended=extended, frames=frames, busy_ns=busy)
-                    for can_id, extended, frames, busy in tally.seen(self._identifiers, bus)
-                ],
-            )
-            for bus, (channel, of) in enumerate(zip(self.channels, carried, strict=True))
-        ]
-        places = [
-            *enumerate(self._own_channels, _MOST_NODES),
-            *(
-                (node.number, bus)
-                for node in self._nodes.values()
-                if node.greeted and not node.control
-                for bus in range(len(channels))
-                if node.outbound[bus] >= 0
-            ),
-        ]
-        return BusReport(
-            time_ns=self._clock(),
-            timing=self._timing,
-            channels=channels,
-            nodes=[self._node_state(number, bus) for number, bus in places],
-            faults=self._traffic.disturbance.faults,
-            hits=self._traffic.disturbance.hits,
-        )
+        return self._reporter.report(self._clock(), self._traffic, self._places())
 
-    def _node_state(self, number: int, bus: int) -> NodeState:
-        state, transmit_errors, receive_errors, waiting, overflows = self._traffic.of_node(number, bus)
-        return NodeState(
-            name=self._names[number],
-            channel=self.channels[bus].name,
-            state=state,
-            transmit_errors=transmit_errors,
-            receive_errors=receive_errors,
-            waiting=waiting,
-            overflows=overflows,
-        )
+    def node_states(self, name: str) -> list[NodeState]:
+        """How the node of this name fares, on each of its channels; none where nobody is called so."""
+        places = [place for place in self._places() if self._names[place[0]] == name]
+        return self._reporter.node_states(self._traffic, places)
+
+    def statistics(self) -> list[ChannelStatistics]:
+        """What every channel has carried. Call it several times a second for a load that is up to date."""
+        return self._reporter.statistics(self._clock())
 
     def add_fault(self, fault: Fault) -> int:
         """Lay a fault on the bus; returns its number. Raises ValueError when it can't ever act here."""
@@ -342,141 +383,17 @@ class Hub:
         """Take back one fault, or all (None); returns how many. Raises ValueError when there is no such fault."""
         return self._traffic.clear(number, self._clock())
 
-    def statistics(self) -> list[ChannelStatistics]:
-        """What every channel has carried. Call it several times a second for a load that is up to date."""
-        now = self._clock()
+    def _places(self) -> list[tuple[int, int]]:
+        """(number, channel's index) of every node on every channel of its."""
         return [
-            ChannelStatistics(channel.name, int(frames), int(busy), meter.update(now, int(busy)))
-            for channel, frames, busy, meter in zip(
-                self.channels,
-                self._totals[:, tally.FRAMES],
-                self._totals[:, tally.BUSY],
-                self._meters,
-                strict=True,
-            )
+            *enumerate(self._own_channels.tolist(), MOST_NODES),
+            *(
+                (node.number, bus)
+                for node in self._members.greeted
+                for bus in range(len(self.channels))
+                if node.outbound[bus] >= 0
+            ),
         ]
-
-    def close(self) -> None:
-        """Leave: every process on the bus notices."""
-        for node in list(self._nodes.values()):
-            self._part(node)
-        self._alarm.close()
-        self._epoll.close()
-        self._listener.close()
-        with contextlib.suppress(FileNotFoundError):
-            self._path.unlink()
-
-    def owe_ticks(self, count: int) -> None:
-        """So many cycles of the plant's are over with the next `transmit`: where that can be, it carries the word along."""
-        self._ticks_owed = count
-
-    def tick(self) -> None:
-        """Tell those who want to know that cycles of the plant's are over, if no `transmit` has: all that was said in them has
-        been passed on."""
-        if self._ticks_owed:
-            datagram = self._notices().tobytes()
-            for node in self._nodes.values():
-                if node.ticks:
-                    self._send(node, memoryview(datagram))
-            self._ticks_owed = 0
-
-    def _notices(self) -> npt.NDArray[np.uint64]:
-        notices = np.zeros(self._ticks_owed, RECORD)
-        notices["flags"], notices["time_ns"] = TICK, self._clock()
-        return notices.view(np.uint64)
-
-    def _accept(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            connection, _ = self._listener.accept()
-            wire.prepare(connection)
-            taken = {node.number for node in self._nodes.values()}
-            free = (i for i in range(1, _MOST_NODES) if i not in taken and not self._traffic.is_sending(i))
-            number = next(free, None)
-            if number is None:
-                with contextlib.suppress(OSError):
-                    connection.send(
-                        wire.encode(wire.Sorry(reason=f"{_MOST_NODES - 1} processes are on the bus already"))
-                    )
-                connection.close()
-                return
-            self._nodes[connection.fileno()] = Node(connection, number, self._queue)
-            self._epoll.register(connection, select.EPOLLIN)
-
-    def _part(self, node: Node) -> None:
-        self._nodes.pop(node.connection.fileno(), None)
-        with contextlib.suppress(OSError):
-            self._epoll.unregister(node.connection)
-        node.connection.close()
-        if node.greeted and not node.control:
-            self._traffic.leave(node.number)
-
-    def _take(self, node: Node, n: int) -> int:
-        """Read a node's datagrams behind the n records that are there; returns how many there are then."""
-        start, leaves, receive = n, False, node.connection.recv_into
-        for _ in range(_TURN):
-            if n + wire.MAX_RECORDS > _CAPACITY:
-                break
-            try:
-                size = receive(self._inbox_bytes[BYTES * n :], wire.MAX_BYTES + 1)
-            except BlockingIOError:
-                break
-            except OSError:
-                size = 0
-            if size and not (node.greeted and not node.control):
-                datagram = bytes(self._inbox_bytes[BYTES * n : BYTES * n + size])
-                if node.greeted:
-                    self._serve(node, datagram)
-                    continue
-                if self._greet(node, datagram):
-                    continue
-                size = 0
-            if size == 0 or size > wire.MAX_BYTES or size % BYTES:
-                # It left, or speaks something else: nothing that it says from here on can be trusted.
-                leaves = True
-                break
-            n += size // BYTES
-        if n > start:
-            good = admit(self._inbox, start, n - start, node.inbound)
-            self.refused += n - start - good
-            n = start + good
-            self._node[start:n] = node.number
-        if leaves:
-            self._part(node)
-        return n
-
-    def _greet(self, node: Node, datagram: bytes) -> bool:
-        names = [channel.name for channel in self.channels]
-        try:
-            hello = wire.decode_hello(datagram)
-            wanted = names if hello.channels is None else hello.channels
-            unknown = [name for name in wanted if name not in names]
-            if hello.version != wire.VERSION:
-                raise ValueError(
-                    f"wire version {hello.version}; this hub speaks {wire.VERSION}: start the hub and what joins it from the same "
-                    f"Handrail, or bring your firmware up to date (docs/can.md)"
-                )
-            if unknown or len(set(wanted)) != len(wanted):
-                raise ValueError(f"channels {wanted}; expected different names out of {names}")
-        except (msgspec.DecodeError, ValueError) as error:
-            with contextlib.suppress(OSError):
-                node.connection.send(wire.encode(wire.Sorry(reason=str(error))))
-            return False
-        for local, name in enumerate(wanted):
-            node.inbound[local] = names.index(name)
-            node.outbound[names.index(name)] = local
-        chosen = [self.channels[names.index(name)] for name in wanted]
-        answer = [wire.ChannelInfo(c.name, c.bitrate, c.data_bitrate) for c in chosen]
-        try:
-            node.connection.send(wire.encode(wire.Welcome(channels=answer)))
-        except OSError:
-            return False
-        node.greeted, node.own_frames = True, hello.own_frames
-        node.control, node.ticks = hello.role == "control", hello.ticks
-        if not node.control:
-            self._names[node.number] = hello.name or f"node{node.number}"
-            self._traffic.join(node.number, [names.index(name) for name in wanted])
-            self._traffic.changed(self._clock())
-        return True
 
     def _serve(self, node: Node, datagram: bytes) -> None:
         """Answer a request about the bus."""
@@ -485,6 +402,8 @@ class Hub:
             match control.decode_request(datagram):
                 case control.GetBus():
                     answer = self.report()
+                case control.GetNode(name=name):
+                    answer = control.NodeStates(nodes=self.node_states(name))
                 case control.AddFault(fault=fault):
                     answer = control.FaultAdded(number=self.add_fault(fault))
                 case control.ClearFault(number=number):
@@ -494,86 +413,6 @@ class Hub:
         # Who asks without reading the answers gets none.
         with contextlib.suppress(OSError):
             node.connection.send(wire.encode(answer))
-
-    def _turn(self, n: int, *, takes_in: bool = True) -> npt.NDArray[np.void]:
-        """The careful path for n records in the inbox, passed on when they end; returns those that other processes sent."""
-        now = self._clock()
-        records, node = self._inbox_records[:n], self._node[:n]
-        ahead = 0
-        if self._cycle is not None:
-            ahead, sync, hold = self._cycle
-            if takes_in:
-                first = np.where((records["bus"] == 0) & (records["flags"] & EXTENDED == 0), records["can_id"], -1)
-                self.heard = int(np.count_nonzero(first == sync)), int(np.count_nonzero(first == hold))
-                if self.heard[1]:
-                    records, node = records[first != hold], node[first != hold]
-        count = self._traffic.turn(records, node, now, ahead, self._ordered, self._ordered_node)
-        self._carried = count
-        if count:
-            self._pass_on(count)
-        from_others = self._records[:count][self._ordered_node[:count] < _MOST_NODES]
-        if takes_in and self._unread:
-            from_others = np.concatenate([*self._unread, from_others])
-            self._unread.clear()
-        return from_others
-
-    def _careful_wait(self, deadline: float | None) -> float | None:
-        """How long epoll may wait; the alarm ends that when a frame ends on the bus, or at the deadline."""
-        if self._unread:
-            return 0.0
-        left = None if deadline is None else deadline - time.monotonic()
-        if self._cycle is not None or (left is not None and left <= 0.0):
-            return left if left is None else max(0.0, left)  # in lock-step the clock moves only between two calls
-        when = self._traffic.next_event()
-        until_event = None if when == transit.NEVER else when - self._clock()
-        until_deadline = None if left is None else int(left * 1e9)
-        self._alarm.set(min((d for d in (until_event, until_deadline) if d is not None), default=None))
-        return None
-
-    def _pass_on(self, n: int, *, ticks: bool = False) -> None:
-        """Send n carried frames to everybody else; `ticks`: and behind them, the word that the cycles owed are over."""
-        notices = self._notices() if ticks and self._ticks_owed else None
-        if notices is not None:
-            self._ticks_owed = 0
-        for node in list(self._nodes.values()):
-            if not node.greeted or node.control:
-                continue
-            skip = -1 if node.own_frames else node.number
-            wanted = node.outbound
-            if self._traffic.impaired:
-                wanted = wanted.copy()
-                every = np.arange(len(self.channels))
-                wanted[: len(every)][~self._traffic.hears(np.full(len(every), node.number), every)] = -1
-            count = select_records(self._ordered, self._ordered_node, n, skip, wanted, self._selected)
-            if notices is not None and node.ticks:
-                self._selected[WORDS * count : WORDS * count + len(notices)] = notices
-                count += len(notices) // WORDS
-            for start in range(0, count, wire.MAX_RECORDS):
-                stop = min(count, start + wire.MAX_RECORDS)
-                self._send(node, self._selected_bytes[BYTES * start : BYTES * stop])
-
-    def _send(self, node: Node, datagram: memoryview) -> None:
-        waits = node.waiting
-        self.dropped += node.send(datagram, self._clock)
-        if node.waiting and not waits:
-            self._epoll.modify(node.connection, select.EPOLLIN | select.EPOLLOUT)
-
-
-def _listen(path: Path) -> socket.socket:
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    try:
-        if path.is_socket():
-            with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-                if probe.connect_ex(os.fspath(path)) == 0:
-                    raise OSError(f"CAN hub: another hub listens at {path}; stop it, or use another runtime folder")
-            path.unlink()  # left over from a hub that was killed
-        listener.bind(os.fspath(path))
-        listener.listen(_MOST_NODES)
-        listener.setblocking(False)
-    except OSError:
-        listener.close()
-        raise
-    return listener
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

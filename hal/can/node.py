@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -29,25 +29,39 @@ class Node:
         """its index of a channel → the hub's, −1 where it has none"""
         self.outbound = np.full(MAX_CHANNELS, -1, np.int64)
         """the hub's index of a channel → its own, −1 where it does not listen"""
+        self.hears_all = False
+        """it listens to every channel, and counts them as the hub does"""
+        self.spared = 0
+        """polls in which it is not asked for a second datagram"""
         self._queue: deque[bytes] = deque()
         self._queued = 0
         self._untold = 0  # records dropped since it was last told
+
+    def listen_to(self, places: Sequence[int], channels: int) -> None:
+        """It wants these of the hub's `channels` channels, and counts them in this order."""
+        self.inbound[: len(places)] = places
+        self.outbound[list(places)] = range(len(places))
+        self.hears_all = list(places) == list(range(channels))
 
     @property
     def waiting(self) -> bool:
         """True while something waits until the socket has room."""
         return bool(self._queue)
 
-    def send(self, datagram: memoryview, clock: Callable[[], int]) -> int:
-        """Send records now, or later when there is room; returns how many were dropped."""
-        if not self._queue:
-            try:
-                self.connection.send(datagram)
-                return 0
-            except BlockingIOError:
-                pass
-            except OSError:
-                return 0  # it left; the hub hears of it when it reads
+    def send(self, datagram: memoryview) -> bool:
+        """Send records now if that can be; False: `keep` them."""
+        if self._queue:
+            return False
+        try:
+            self.connection.send(datagram)
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass  # it left; the hub hears of it when it reads
+        return True
+
+    def keep(self, datagram: memoryview, clock: Callable[[], int]) -> int:
+        """Queue records until there is room; returns how many were dropped since too many wait already."""
         count = len(datagram) // BYTES
         if self._queued + count > self._room:
             self._untold += count

@@ -16,11 +16,10 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can import wire
-from hal.can.counting import RECEIVED, SENT, count_frames
-from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD, TICK, WORDS
+from hal.can.counting import Ledger
+from hal.can.frames import BYTES, RECORD, WORDS
 from hal.can.wire import BusLost
 from handrail.runtime import Runtime
 
@@ -52,25 +51,6 @@ class Port(Protocol):
         """Leave the bus."""
 
 
-@njit(cache=True)
-def _without_notices(words, n):
-    """Take the hub's notices of loss out of n records: (records left, frames lost, ticks)."""
-    lost, ticks, k = np.int64(0), 0, 0
-    for row in range(n):
-        head = words[WORDS * row + 1]
-        if (head >> np.uint64(40)) & np.uint64(LOST):
-            lost += np.int64(head & np.uint64(0xFFFFFFFF))
-            continue
-        if (head >> np.uint64(40)) & np.uint64(TICK):
-            ticks += 1
-            continue
-        if k != row:
-            for i in range(WORDS):
-                words[WORDS * k + i] = words[WORDS * row + i]
-        k += 1
-    return k, lost, ticks
-
-
 class HubPort:
     """A place on the virtual bus."""
 
@@ -89,13 +69,13 @@ class HubPort:
         own_frames: also receive what this port sent. name: what reports and faults call this node. ticks: count `ticks`.
         Raises BusLost when no hub is there within `timeout_s`, ValueError when it has no such channel.
         """
-        # Compile before joining: a slow start would let the socket fill.
         self._buffer = np.zeros(WORDS * ROOM, np.uint64)
-        bitrates = np.ones((MAX_CHANNELS, 2), np.int64)
-        count_frames(self._buffer, 0, bitrates, SENT, np.zeros((1, 3), np.int64))
-        _without_notices(self._buffer, 0)
         self._bytes = self._buffer.data.cast("B")
         self._records = self._buffer.view(RECORD)
+        # Compile before joining: a slow start would let the socket fill.
+        warm = Ledger([])
+        warm.count_sent(self._buffer, 0)
+        warm.take_in(self._buffer, 0)
         self._path = path
         self._socket, infos = wire.join(
             path,
@@ -107,51 +87,67 @@ class HubPort:
         )
         self.channels = infos
         """The channels joined, in this port's order."""
-        self._bitrates = np.array([(c.bitrate, c.data_bitrate) for c in infos], np.int64).reshape(-1, 2)
-        self.counters = np.zeros((len(infos), 3), np.int64)
+        self._ledger = Ledger(infos)
+        self.counters = self._ledger.counters
         self.refused = 0
         self.lost = 0
         self.ticks = 0
         """how often the plant said that a cycle is over, where this port asked for it"""
+        # Whoever waits for frames waits in `recv` itself: one call where asking first would be two.
+        self._socket.setblocking(True)
+        self._patience_s = 0.0
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
 
     def send(self, records: npt.NDArray[np.void]) -> None:
         """Queue frames without waiting, all of them in one datagram where they fit; see Port.send."""
-        words = np.ascontiguousarray(records).view(np.uint64)
-        for start in range(0, len(words), WORDS * wire.MAX_RECORDS):
-            batch = words[start : start + WORDS * wire.MAX_RECORDS]
-            try:
-                self._socket.send(batch.data)
-            except BlockingIOError:
-                self.refused += len(batch) // WORDS
-            except OSError as error:
-                raise BusLost(f"CAN bus at {self._path}: {error}") from error
-            else:
-                count_frames(batch, len(batch) // WORDS, self._bitrates, SENT, self.counters)
+        if len(records) <= wire.MAX_RECORDS and records.flags.c_contiguous:
+            self._send(records.view(np.uint64), len(records))
+            return
+        for start in range(0, len(records), wire.MAX_RECORDS):
+            batch = np.ascontiguousarray(records[start : start + wire.MAX_RECORDS])
+            self._send(batch.view(np.uint64), len(batch))
+
+    def _send(self, words: npt.NDArray[np.uint64], n: int) -> None:
+        if n == 0:
+            return  # an empty datagram means that this process leaves
+        try:
+            self._socket.send(words.data, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            self.refused += n
+        except OSError as error:
+            raise BusLost(f"CAN bus at {self._path}: {error}") from error
+        else:
+            self._ledger.count_sent(words, n)
 
     def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
         """All frames that have arrived, in the order in which the buses carried them; see Port.receive."""
-        size, wait_ms = 0, max(timeout_s, 0.0) * 1000
-        # Asking first costs less than trying in vain, which would happen once in every cycle.
-        while size <= BYTES * (ROOM - wire.MAX_RECORDS) and self._poll.poll(wait_ms):
-            wait_ms = 0.0
+        size, waits, more = 0, timeout_s > 0.0, self._poll.poll
+        if waits and timeout_s != self._patience_s:
+            self._set_patience(timeout_s)
+        # Where nothing need be there, asking first costs less than trying in vain, which would happen once in every cycle.
+        while size <= BYTES * (ROOM - wire.MAX_RECORDS) and (waits or more(0)):
             try:
-                got = self._socket.recv_into(self._bytes[size:])
+                got = self._socket.recv_into(self._bytes[size:], 0, 0 if waits else socket.MSG_DONTWAIT)
             except BlockingIOError:
                 break
             except OSError as error:
                 raise BusLost(f"CAN bus at {self._path}: {error}") from error
             if got == 0:
                 raise BusLost(f"CAN bus at {self._path}: the hub has ended")
-            size += got
+            size, waits = size + got, False
         if size == 0:
             return self._records[:0]
-        n, lost, ticks = _without_notices(self._buffer, size // BYTES)
+        n, lost, ticks = self._ledger.take_in(self._buffer, size // BYTES)
         self.lost += lost
         self.ticks += ticks
-        count_frames(self._buffer, n, self._bitrates, RECEIVED, self.counters)
         return self._records[:n]
+
+    def _set_patience(self, timeout_s: float) -> None:
+        """Let `recv` wait at most so long (socket(7), SO_RCVTIMEO, where 0 would be for ever)."""
+        seconds, microseconds = divmod(max(1, round(timeout_s * 1e6)), 1_000_000)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", seconds, microseconds))
+        self._patience_s = timeout_s
 
     @property
     def hub_process(self) -> int:

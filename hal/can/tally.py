@@ -6,27 +6,44 @@ standard identifier's slot is the identifier, an extended one's is found by hash
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from hal.can.frames import EXTENDED, WORDS
+from hal.can.timing import BusTiming
 
 FREE, FRAMES, BUSY, ERRORS = 0, 1, 2, 3
 """ns when the bus was last free · frames carried · ns in use · error frames"""
 STANDARD = 2048
 _EXTENDED = 2048  # slots for extended identifiers, a power of 2; what finds none is in the totals only
 _PROBES = 32
+_RATES, _TOTALS, _SLOTS, _COLUMNS = 2, 4, STANDARD + _EXTENDED, 3
 
 
-def totals(channels: int) -> npt.NDArray[np.int64]:
-    """All zero."""
-    return np.zeros((channels, 4), np.int64)
+class Tally:
+    """The bit rates of a hub's channels, and what they have carried: views of one piece of memory, for kernels."""
+
+    def __init__(self, channels: Sequence[BusTiming]):
+        """All zero."""
+        self.memory = np.zeros(len(channels) * (_RATES + _TOTALS + _SLOTS * _COLUMNS), np.int64)
+        self.bitrates, self.totals, self.identifiers = tables(self.memory)
+        """`bitrates` (c, 2): nominal and data bit/s"""
+        self.bitrates[:] = [(channel.bitrate, channel.data_bitrate) for channel in channels]
 
 
-def identifiers(channels: int) -> npt.NDArray[np.int64]:
-    """All zero."""
-    return np.zeros((channels, STANDARD + _EXTENDED, 3), np.int64)
+@njit(cache=True)
+def tables(memory):
+    """bitrates, totals, identifiers: a Tally's memory laid out."""
+    c = len(memory) // (_RATES + _TOTALS + _SLOTS * _COLUMNS)
+    rates, counts = _RATES * c, (_RATES + _TOTALS) * c
+    return (
+        memory[:rates].reshape(c, _RATES),
+        memory[rates:counts].reshape(c, _TOTALS),
+        memory[counts:].reshape(c, _SLOTS, _COLUMNS),
+    )
 
 
 @njit(cache=True)
@@ -51,10 +68,10 @@ def count(words, row, bus, ns, frames, identifiers):
 
 def seen(identifiers: npt.NDArray[np.int64], bus: int) -> list[tuple[int, bool, int, int]]:
     """(identifier, extended, frames, busy ns) of all that channel `bus` has carried, standard ones first, ascending."""
-    table = identifiers[bus]
-    slots = np.flatnonzero(table[:, 1] + table[:, 2])
-    rows = [
-        (int(slot) if slot < STANDARD else int(key) - 1, bool(slot >= STANDARD), int(frames), int(busy))
-        for slot, (key, frames, busy) in zip(slots, table[slots], strict=True)
-    ]
-    return sorted(rows, key=lambda row: (row[1], row[0]))
+    slots = np.flatnonzero(identifiers[bus, :, 1] + identifiers[bus, :, 2])
+    key, frames, busy = identifiers[bus, slots].T
+    extended = slots >= STANDARD
+    can_id = np.where(extended, key - 1, slots)
+    order = np.lexsort((can_id, extended))
+    columns = (column[order].tolist() for column in (can_id, extended, frames, busy))
+    return list(zip(*columns, strict=True))

@@ -12,10 +12,8 @@ import numpy.typing as npt
 from hal.can import confinement, transit
 from hal.can.disturbance import Disturbance
 from hal.can.frames import RECORD, WORDS
+from hal.can.tally import Tally
 from hal.can.timing import BusTiming
-
-TURN_ROOM = 16384
-"""frames that one turn delivers"""
 
 
 class Traffic:
@@ -24,20 +22,18 @@ class Traffic:
     def __init__(
         self,
         channels: list[BusTiming],
-        totals: npt.NDArray[np.int64],
-        identifiers: npt.NDArray[np.int64],
+        tallies: Tally,
         names: list[str],
         *,
         timing: bool,
         fifo: int,
     ):
-        """totals, identifiers: the hub's (hal.can.tally). names: of the nodes by number, kept up to date by the hub.
+        """tallies: the hub's. names: of the nodes by number, kept up to date by the hub.
 
         timing: frames take their time; fifo: frames that a node's transmit queue on one channel holds.
         """
-        bitrates = np.array([(c.bitrate, c.data_bitrate) for c in channels], np.int64)
         self.timing, self._fifo, self._channels = timing, fifo, range(len(channels))
-        self._state = transit.make(bitrates, totals, identifiers, len(names))
+        self._state = transit.make(tallies.bitrates, tallies.totals, tallies.identifiers, len(names))
         self.disturbance = Disturbance(self._state, [c.name for c in channels], names)
         self.careful = timing
         """False: nothing here has anything to do, and the hub's quick path is as good"""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -249,16 +250,11 @@ def test_a_port_notices_that_the_hub_has_ended(hub: Hub, join: Join) -> None:
     hub.close()
     with pytest.raises(BusLost, match="ended"):
         port.receive(1.0)
-    hub._epoll, hub._listener = _Closed(), _Closed()  # type: ignore[assignment]
-
-
-class _Closed:
-    def close(self) -> None:
-        """The fixture closes again."""
 
 
 _LISTENER = """
 import sys
+import time
 from hal.can.port import HubPort
 port = HubPort(sys.argv[1])
 print("listening", flush=True)
@@ -329,3 +325,29 @@ def test_the_word_that_a_cycle_is_over_comes_behind_all_that_was_said_in_it(
     assert asking.ticks == 2
     assert len(other.receive(0.0)) == answers
     assert other.ticks == 0
+
+
+def test_in_lock_step_who_sends_one_datagram_a_cycle_may_still_send_many(
+    hub: Hub, join: Join, make_frames: Make
+) -> None:
+    hub.lockstep(2_000_000, 0x080, 0x081)
+    port, listener = join(), join()
+    sent, heard = 0, []
+    for many in (1, 1, 1, 40, 1, 3):
+        for _ in range(many):
+            port.send(make_frames([sent & 0x7FF]))
+            sent += 1
+        while len(batch := hub.poll(0.0)):
+            heard += _ids(batch)
+    assert heard == list(range(sent)) == _ids(listener.receive(1.0))
+
+
+def test_a_port_waits_no_longer_than_it_is_asked_to(hub: Hub, join: Join, make_frames: Make) -> None:
+    port = join()
+    for timeout_s in (0.05, 0.0, 0.02):
+        began = time.perf_counter()
+        assert len(port.receive(timeout_s)) == 0
+        assert timeout_s * 0.9 <= time.perf_counter() - began < timeout_s + 0.5
+    hub.transmit(make_frames([1, 2]))
+    hub.transmit(make_frames([3]))
+    assert _ids(port.receive(0.02)) == [1, 2, 3]

@@ -68,6 +68,19 @@ def test_a_report_names_every_node_and_what_each_identifier_cost(
     assert first.busy_ns == sum(cost) and not second.identifiers
 
 
+def test_one_node_is_told_of_by_its_name_on_each_of_its_channels(
+    hub: Hub, control: HubControl, ask: Ask, join: Callable[..., HubPort]
+) -> None:
+    hub.own_nodes(["elbow"], ["can1"])
+    join(["can1", "can0"], name="daemon")
+    hub.add_fault(Fault(kind="cut", node="daemon", channel="can1"))
+    told = ask(control.node, "daemon")
+    assert {(node.channel, node.state) for node in told} == {("can0", "error_active"), ("can1", "cut")}
+    assert told == [node for node in ask(control.report).nodes if node.name == "daemon"]
+    assert [node.channel for node in ask(control.node, "elbow")] == ["can1"]
+    assert ask(control.node, "wrist") == []
+
+
 def test_a_control_connection_is_no_node_and_hears_no_frames(
     hub: Hub, control: HubControl, ask: Ask, make_frames: Callable[..., np.ndarray]
 ) -> None:

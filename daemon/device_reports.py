@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hal.device import SILENT_AFTER
 from hal.drives.lifecycle import State
 from handrail.messages import (
     DeviceStates,
@@ -19,8 +20,6 @@ from handrail.messages import (
 )
 from handrail.robot.description import Device, RobotDescription
 
-_SILENT_CYCLES = 250
-"""without a frame, after which a device counts as silent: five times the longest period (power: 50 cycles)"""
 _LOW_CHARGE = 0.15
 _OWN_MESSAGES = {"imu", "force_torque", "gripper", "power"}
 
@@ -59,7 +58,7 @@ def device_states(
                         velocity=velocity,
                         effort=effort,
                         temperature=temperature,
-                        state=_state(state) if age <= _SILENT_CYCLES else "unknown",
+                        state=_state(state) if age <= SILENT_AFTER else "unknown",
                         holding=holding > 0.5,
                     )
                 )
@@ -108,7 +107,7 @@ def other_columns(description: RobotDescription) -> dict[str, tuple[str, ...]]:
 
 
 def _problem(device: Device, values: Sequence[float], age: int) -> str:
-    if age > _SILENT_CYCLES:
+    if age > SILENT_AFTER:
         return "does not answer"
     if device.family == "gripper" and _state(values[4]) == "fault":
         return "fault"

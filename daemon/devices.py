@@ -2,7 +2,7 @@
 
 An enabled robot's grippers hold where they are until somebody sends them elsewhere; a disabled or stopped robot's are out of
 operation, and hold what they hold by themselves. One that is lost stops nothing else: it is out of operation until it answers, and
-then holds where it is.
+then holds where it is. A power supply's relay stays as it is until somebody switches it, whatever the robot does.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from daemon.actions import Refusal
 from daemon.exchange import Answer
-from hal.device import GRIPPER_COMMANDED, DeviceCommand, DeviceState
+from hal.device import GRIPPER_COMMANDED, SILENT_AFTER, DeviceCommand, DeviceState
 from hal.hardware import LOST_AFTER
 from handrail.robot.description import RobotDescription
 
+_RELAY = 0
 _POSITION, _VELOCITY, _EFFORT, _ENABLE = range(len(GRIPPER_COMMANDED))
 
 
@@ -29,6 +30,7 @@ class Devices:
             for row, device in enumerate(description.devices)
             if device.family == "gripper"
         }
+        self._supplies = {row for row, device in enumerate(description.devices) if device.family == "power"}
         self._enabled = False
 
     def enable(self) -> None:
@@ -63,6 +65,15 @@ class Devices:
         command = self._command.values[row]
         command[_POSITION] = min(max(position, lower), upper)
         command[_VELOCITY], command[_EFFORT] = min(max(velocity, 0.0), speed), min(max(force, 0.0), effort)
+        return None
+
+    def switch(self, row: int, closed: bool) -> Refusal | None:
+        """Let a power supply open or close its relay, and keep it so; whoever asks has seen to the robot's life."""
+        if row not in self._supplies:
+            return Refusal(Answer.MALFORMED)
+        if self._state.age[row] > SILENT_AFTER:
+            return Refusal(Answer.DEVICE_SILENT, row)
+        self._command.values[row, _RELAY], self._command.commanded[row] = float(closed), True
         return None
 
     def _hold(self, row: int) -> None:

@@ -37,6 +37,11 @@ class Life:
         return self._manager.enabled
 
     @property
+    def enabling(self) -> bool:
+        """The drives are on their way to operation."""
+        return self._enabling_for >= 0
+
+    @property
     def flags(self) -> int:
         """The bits of the snapshot (exchange.Flag) that are about this."""
         # Plain numbers: this runs in every cycle, and flags of an enum cost microseconds.

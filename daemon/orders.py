@@ -74,6 +74,13 @@ class Orders:
                     return Refusal(Answer.STOP_LATCHED)
                 assert command.device_values is not None
                 return self._devices.order(command.device, command.device_values)
+            case Kind.RELAY:
+                # A stop that is latched does not keep the power on.
+                assert command.device_values is not None
+                close, force = command.device_values[:2] > 0.5
+                if not close and not force and (life.enabled or life.enabling):
+                    return Refusal(Answer.ENABLED, command.device)
+                return self._devices.switch(command.device, bool(close))
             case Kind.LOSE_OWNER:
                 actions.lose_owner(command.owner)
                 self._holds.release(command.owner)

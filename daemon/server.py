@@ -28,7 +28,7 @@ from daemon.mailbox import MailboxFull, MailboxWriter
 from daemon.owners import Owners
 from daemon.reporter import Reporter
 from daemon.ring import StateRingReader
-from daemon.validation import check_gripper, check_start
+from daemon.validation import check_gripper, check_power, check_start
 from handrail import messages as m
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
@@ -96,6 +96,7 @@ class Server:
             m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
             m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
             m.CommandGripper: self._command_gripper,
+            m.SwitchRelay: self._switch_relay,
         }
 
     def take_over(self) -> None:
@@ -202,7 +203,7 @@ class Server:
         code, joint, value = answer
         if code != exchange.Answer.ACCEPTED:
             named = self._description.joints
-            if code == exchange.Answer.DEVICE_SILENT:
+            if code in (exchange.Answer.DEVICE_SILENT, exchange.Answer.ENABLED):
                 named = tuple(device.name for device in self._description.devices)
             name = named[joint] if joint >= 0 else ""
             raise refuse(*exchange.explain(exchange.Answer(code), name, value, self._reporter.drive_problem(name)))
@@ -234,6 +235,11 @@ class Server:
     def _command_gripper(self, call: m.CommandGripper) -> None:
         row, values = check_gripper(call, self._description)
         header = exchange.encode_device(self._count(), row, values)
+        self._require_accepted(self._post(header))
+
+    def _switch_relay(self, call: m.SwitchRelay) -> None:
+        row = check_power(call, self._description)
+        header = exchange.encode_device(self._count(), row, (call.closed, call.force), Kind.RELAY)
         self._require_accepted(self._post(header))
 
     def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""What is wrong with a StartAction (or CommandGripper), found before the loop sees it: shapes, numbers, limits, names, start.
+"""What is wrong with a StartAction (or a device's command), found before the loop sees it: shapes, numbers, limits, names, start.
 
 What only the loop can know in the cycle that starts the action (claims, a stop a moment ago) the loop checks itself.
 """
@@ -22,6 +22,7 @@ from handrail.messages import (
     JointTrajectory,
     PoseErrorEnd,
     StartAction,
+    SwitchRelay,
 )
 from handrail.robot.description import RobotDescription
 from handrail.topics import refuse
@@ -71,11 +72,7 @@ def check_gripper(message: CommandGripper, description: RobotDescription) -> tup
 
     Whether the robot is enabled and the gripper answers is the loop's to say.
     """
-    grippers = {device.name: row for row, device in enumerate(description.devices) if device.family == "gripper"}
-    if message.gripper not in grippers:
-        expected = _nearest(message.gripper, grippers) if grippers else "a robot with grippers"
-        raise refuse(f"{description.name} has no such gripper", "gripper", message.gripper, expected)
-    row = grippers[message.gripper]
+    row = _device(message.gripper, "gripper", "gripper", description)
     lower, upper, fastest, strongest = description.device_limits[description.devices[row].joint]
     for field, highest in (("velocity", fastest), ("effort", strongest)):
         value = getattr(message, field)
@@ -88,6 +85,23 @@ def check_gripper(message: CommandGripper, description: RobotDescription) -> tup
             f"beyond the limits of {message.gripper}", "position", f"{message.position:g}", f"{lower:g} to {upper:g}"
         )
     return row, (message.position, message.velocity or fastest, message.effort or strongest)
+
+
+def check_power(message: SwitchRelay, description: RobotDescription) -> int:
+    """Row in description.devices of the supply whose relay is meant. Raises RefusedError where there is none of that name.
+
+    Whether the robot is enabled and the supply answers is the loop's to say.
+    """
+    return _device(message.power, "power", "power supply", description)
+
+
+def _device(name: str, family: str, what: str, description: RobotDescription) -> int:
+    """Row of a device of this family, which is also the message's field."""
+    known = {device.name: row for row, device in enumerate(description.devices) if device.family == family}
+    if name not in known:
+        expected = _nearest(name, known) if known else f"a robot with a {what}"
+        raise refuse(f"{description.name} has no such {what}", family, name, expected)
+    return known[name]
 
 
 def _check_state(snapshot: np.ndarray) -> None:

@@ -22,6 +22,9 @@ import numpy as np
 MEASURED, COMMANDED = 16, 8
 """Columns that a device's rows have room for."""
 
+SILENT_AFTER = 250
+"""cycles without a frame after which a device counts as silent: five times the longest period (power: 50 cycles)"""
+
 GRIPPER_COMMANDED = ("position", "velocity", "effort", "enable")
 """The gripper family's commanded columns, by number."""
 

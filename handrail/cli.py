@@ -27,7 +27,7 @@ _VERBS = {
     "tablet": "Open the operator's window.",
     "can": "The CAN bus: look at it, record, replay, disturb, bridge.",
     "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
-    "robot": "Robots: list them, check one's model against plant and network.",
+    "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
     "program": "Check or run a program of the library.",
     "bench": "Run a benchmark against its peers.",
     "campaign": "Lay faults on a moving robot, hundreds of times, and judge what the plant did.",

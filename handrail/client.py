@@ -63,6 +63,7 @@ from handrail.messages import (
     SetParameters,
     Stop,
     StopRun,
+    SwitchRelay,
 )
 from handrail.topics import RefusedError, Unreachable
 
@@ -170,6 +171,13 @@ class Client:
         Returns when the drive has been told: `events(DeviceStates)` tells when it is there, or holds something.
         """
         self.call(CommandGripper(gripper=gripper, position=position, velocity=velocity, effort=effort))
+
+    def switch_relay(self, power: str, closed: bool, force: bool = False) -> None:
+        """Open or close the relay of a power supply. Open, the drives have no power; `force`: even if the robot is enabled.
+
+        Returns when the supply is being told: `events(DeviceStates)` tells when it has switched. `enable` follows deliberately.
+        """
+        self.call(SwitchRelay(power=power, closed=closed, force=force))
 
     # ------------------------------------------------------------------------------------------------- templates, plans
 

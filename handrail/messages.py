@@ -359,6 +359,20 @@ class CommandGripper(Message):
     """N·m or N, at most; 0: its limit"""
 
 
+@_travels(priority=1, remote=True)
+class SwitchRelay(Message):
+    """Open or close the relay of a power supply; it stays so until it is switched again.
+
+    Open, the drives have no power: they fault, and their brakes close. Closed again they stay where they are until Enable. Refused
+    where the supply does not answer, and where it should open while the robot is enabled, or about to be.
+    """
+
+    power: Name
+    closed: bool
+    force: bool = False
+    """open it though the robot is enabled"""
+
+
 @_travels(priority=1)
 class CheckIn(Message):
     """I am alive. Actions whose owner does not check in for 1 s of wall time are ended safely."""
@@ -523,6 +537,7 @@ DaemonCall = (
     | PauseAction
     | ResumeAction
     | CommandGripper
+    | SwitchRelay
 )
 DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates
 SensorEvent = PointCloud

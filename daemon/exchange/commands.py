@@ -24,6 +24,7 @@ from handrail.messages import (
 )
 
 MOTION_TRAJECTORY, MOTION_CARTESIAN = 1, 2
+_OF_DEVICES = (Kind.DEVICE, Kind.RELAY)
 _END_KINDS: tuple[type, ...] = (TimeEnd, PoseErrorEnd, ForceEnd, ContactEnd, JointLimitEnd, DivergenceEnd)
 
 
@@ -35,9 +36,10 @@ def encode_command(kind: Kind, serial: int, *, owner: int = 0, action: int = 0, 
     return header
 
 
-def encode_device(serial: int, device: int, values: Sequence[float]) -> np.ndarray:
-    """Header of a command for one device: its row in RobotDescription.devices, and hal.device's commanded columns."""
-    header = encode_command(Kind.DEVICE, serial)
+def encode_device(serial: int, device: int, values: Sequence[float], kind: Kind = Kind.DEVICE) -> np.ndarray:
+    """Header of a command for one device: its row in RobotDescription.devices, and hal.device's commanded columns (or what
+    else its kind says)."""
+    header = encode_command(kind, serial)
     header["device"] = device
     header["device_values"][: len(values)] = values
     return header
@@ -140,7 +142,7 @@ class Command:
     ends: tuple[EndCondition, ...] = ()
     device: int = -1
     device_values: NDArray[np.float64] | None = None
-    """hal.device's commanded columns"""
+    """hal.device's commanded columns, or what Kind.RELAY says"""
 
 
 def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Command:
@@ -182,8 +184,8 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
         expires_ns=int(header["expires_ns"]),
         motion=motion,
         ends=ends,
-        device=int(header["device"]) if kind is Kind.DEVICE else -1,
-        device_values=header["device_values"].copy() if kind is Kind.DEVICE else None,
+        device=int(header["device"]) if kind in _OF_DEVICES else -1,
+        device_values=header["device_values"].copy() if kind in _OF_DEVICES else None,
     )
 
 

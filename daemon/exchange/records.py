@@ -74,6 +74,8 @@ class Kind(enum.IntEnum):
     RELEASE_TIME = 9
     DEVICE = 10
     """`device` follows `device_values`; a gripper's enable column is the loop's business"""
+    RELAY = 11
+    """`device` switches its relay: `device_values` are (1: close it, 1: though the robot is enabled)"""
 
 
 class Answer(enum.IntEnum):
@@ -98,6 +100,7 @@ class Answer(enum.IntEnum):
     """the device of row `answer_joint` does not answer"""
     PROTOCOL_MISMATCH = 12
     """the drive of `answer_joint` speaks version `answer_value` of its protocol"""
+    ENABLED = 13
 
 
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
@@ -125,7 +128,7 @@ COMMAND = np.dtype(
         ("duration", "f8"),
         ("stiffness", "f8", 2),
         ("ends", _END, MAX_ENDS),
-        ("device", "i4"),  # DEVICE: row in RobotDescription.devices
+        ("device", "i4"),  # DEVICE, RELAY: row in RobotDescription.devices
         ("device_values", "f8", COMMANDED),
         ("payload_length", "u8"),  # float64s that follow
     ],

@@ -83,6 +83,12 @@ def explain(answer: Answer, joint: str, value: float, problem: str = "") -> tupl
     `joint`: that of `answer_joint`, or the device, or ""; `problem`: what is wrong with its drive, if anything.
     """
     told = {
+        Answer.ENABLED: (
+            f"the robot is enabled: Disable first, or `force` it; the drives lose their power when {joint} opens its relay",
+            "enabled",
+            "true",
+            "false",
+        ),
         Answer.NOT_ENABLED: ("the robot is not enabled: call Enable first", "enabled", "false", "true"),
         Answer.STOP_LATCHED: (
             "the operator stop is latched: clear it first (ClearStop, or handrail stop --clear)",

@@ -1,10 +1,13 @@
-"""`handrail robot ...`: which robots there are, and whether one of them is consistent."""
+"""`handrail robot ...`: which robots there are, whether one of them is consistent, and the power of the one that is up."""
 
 from __future__ import annotations
 
+import enum
 import sys
+import time
 from collections import Counter
 from collections.abc import Sized
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +18,10 @@ from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Column, Table
 
 from handrail.config import ConfigError
+from handrail.messages import DeviceStates, SwitchRelay
 from handrail.robot import description as robots
+from handrail.runtime import Runtime
+from handrail.topics import Caller, RefusedError, Subscriber
 
 app = typer.Typer(help="The robots.", no_args_is_help=True, add_completion=False)
 
@@ -51,6 +57,61 @@ def list_robots() -> None:
 
 def _count(things: Sized, word: str) -> str:
     return f"{len(things)} {word}{'' if len(things) == 1 else 's'}"
+
+
+class Contact(enum.StrEnum):
+    """What a relay can be told."""
+
+    OPEN = "open"
+    CLOSE = "close"
+
+
+@app.command()
+def relay(
+    what: Annotated[Contact, typer.Argument(help="Open it: the drives lose their power and close their brakes.")],
+    power: Annotated[str | None, typer.Option(help="Which supply.", show_default="the robot's only one")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Open it though the robot is enabled.")] = False,
+    runtime: Annotated[
+        Path | None,
+        typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's"),
+    ] = None,
+) -> None:
+    """Switch the relay of the motors' supply, of the robot that is up. Closed again the drives stay where they are until Enable.
+
+    Exit status 0: its own measurement says that it has switched; 1: refused, or it has not.
+    """
+    closed = what is Contact.CLOSE
+    try:
+        place = Runtime.at(runtime, make=False)
+        if power is None:
+            if not place.robot.is_file():
+                raise ValueError(
+                    f"no robot is up in {place.folder}; start one (handrail up), or say where it is (--runtime)"
+                )
+            devices = robots.load(place.robot.read_text(encoding="utf-8").strip()).devices
+            supplies = [device.name for device in devices if device.family == "power"]
+            if len(supplies) != 1:
+                raise ValueError(
+                    f"the robot has {len(supplies)} power supplies; name one (--power): {', '.join(supplies)}"
+                )
+            power = supplies[0]
+        with (
+            closing(Subscriber(place.endpoint("daemon.events"), DeviceStates)) as told,
+            closing(Caller(place.endpoint("daemon.call"), timeout_s=2.0)) as caller,
+        ):
+            caller.call(SwitchRelay(power=power, closed=closed, force=force))
+            until = time.monotonic() + _SWITCHING_S
+            while (left := until - time.monotonic()) > 0.0:
+                states = told.receive(left)
+                if states is not None and any(s.name == power and s.relay == closed for s in states.powers):
+                    print(f"{power}: relay {'closed' if closed else 'open'}")
+                    return
+        raise ValueError(f"{power}: told to {what}, but it did not say within {_SWITCHING_S:g} s that it has")
+    except (OSError, ValueError, RefusedError) as error:
+        sys.exit(f"handrail robot relay: {error}")
+
+
+_SWITCHING_S = 3.0
 
 
 @app.command()

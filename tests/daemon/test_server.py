@@ -743,3 +743,24 @@ def test_a_node_that_the_bus_has_thrown_off_is_shown_so(rig: Rig) -> None:
         hub.close()
         joining.join()
         joined[0].close()
+
+
+def test_a_relay_is_switched_by_the_supplys_name(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    hand_rig.call(m.SwitchRelay(power="battery", closed=True))
+    command = loop.wait_for(Kind.RELAY)
+    assert command.device == 2
+    assert command.device_values is not None
+    assert command.device_values[:2].tolist() == [1.0, 0.0]
+
+
+def test_a_relay_that_may_not_open_is_refused_with_what_to_do(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    refused = hand_rig.refusal(m.SwitchRelay(power="hand", closed=False))
+    assert (refused.field, refused.value) == ("power", "hand")
+    assert "battery" in refused.expected
+    assert loop.commands == []
+    loop.answers[Kind.RELAY] = (Answer.ENABLED, 2, 0.0)
+    refused = hand_rig.refusal(m.SwitchRelay(power="battery", closed=False))
+    assert "Disable first" in refused.message and "battery" in refused.message
+    assert (refused.field, refused.value, refused.expected) == ("enabled", "true", "false")

@@ -188,10 +188,10 @@ class Bench:
             **fields,  # type: ignore[arg-type]
         )
 
-    def post_device(self, row: int, values: Sequence[float]) -> None:
+    def post_device(self, row: int, values: Sequence[float], kind: Kind = Kind.DEVICE) -> None:
         """Put a command for a device into the mailbox."""
         self._serial += 1
-        self._mailbox.post(exchange.encode_device(self._serial, row, values))
+        self._mailbox.post(exchange.encode_device(self._serial, row, values, kind))
 
     def ring_loop(self) -> None:
         """Wake a loop that holds time, as the server does."""

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from daemon.exchange import Answer, Flag, Kind
+from hal.device import SILENT_AFTER
 from hal.hardware import LOST_AFTER
 from handrail.robot.description import Device
 
-IMU, HAND = 0, 1
+IMU, HAND, BATTERY = 0, 1, 2
 SPEED, EFFORT = 0.8, 40.0
 POSITION, VELOCITY, FORCE, ENABLE = range(4)
 
@@ -27,8 +28,8 @@ class Hand:
             devices = self.bench.hardware.devices
             if self.answers:
                 devices.values[HAND, POSITION] = self.position
-                devices.age[HAND] = -1
-            devices.age[HAND] += 1
+                devices.age[[HAND, BATTERY]] = -1
+            devices.age[[HAND, BATTERY]] += 1
             self.bench.run()
         return self.bench.snapshot()
 
@@ -48,6 +49,14 @@ class Hand:
         self.bench.post_device(row, values)
         return Answer(int(self.run()["answer"]))
 
+    def switch(self, close: bool, force: bool = False, row: int = BATTERY) -> Answer:
+        self.bench.post_device(row, (close, force), Kind.RELAY)
+        return Answer(int(self.run()["answer"]))
+
+    @property
+    def relay(self) -> tuple[bool, float]:
+        return bool(self.told.commanded[BATTERY]), float(self.told.values[BATTERY, 0])
+
     @property
     def column(self) -> list[float]:
         return self.told.values[HAND, :4].tolist()
@@ -58,6 +67,7 @@ def hand(talos, make_bench) -> Hand:
     devices = (
         Device("imu", "imu", 0, "can0", "torso_2_link", ""),
         Device("hand", "gripper", 0, "can0", "", "finger_joint"),
+        Device("battery", "power", 0, "can1", "", ""),
     )
     limits = {"finger_joint": (0.0, 1.0, SPEED, EFFORT)}
     return Hand(make_bench(dataclasses.replace(talos, devices=devices, device_limits=limits)))
@@ -69,7 +79,7 @@ def test_a_gripper_is_told_nothing_before_the_robot_is_enabled_and_then_holds_wh
     hand.enable()
     hand.run()
     assert hand.column == [0.3, SPEED, EFFORT, 1.0]
-    assert hand.told.commanded.tolist() == [False, True], "a sensor is told nothing"
+    assert hand.told.commanded.tolist() == [False, True, False], "a sensor is told nothing"
 
 
 def test_an_order_is_followed_from_the_cycle_that_took_it_and_goes_on_until_the_next(hand: Hand) -> None:
@@ -150,3 +160,44 @@ def test_what_devices_measure_leaves_with_the_snapshot(hand: Hand) -> None:
     assert snapshot["device_values"][IMU, :3].tolist() == [1.0, 2.0, 3.0]
     assert snapshot["device_values"][HAND, POSITION] == 0.3
     assert snapshot["device_age"][HAND] <= 1 < LOST_AFTER < snapshot["device_age"][IMU]
+
+
+def test_a_relay_is_told_nothing_until_somebody_switches_it_and_then_keeps_to_that(hand: Hand) -> None:
+    hand.enable()
+    assert hand.relay == (False, 0.0)
+    assert hand.ask_kind(Kind.DISABLE) is Answer.ACCEPTED
+    assert hand.switch(close=False) is Answer.ACCEPTED
+    hand.run(20)
+    assert hand.relay == (True, 0.0)
+    assert hand.switch(close=True) is Answer.ACCEPTED
+    assert hand.ask_kind(Kind.ENABLE) is Answer.ACCEPTED
+    hand.run(20)
+    assert hand.relay == (True, 1.0)
+
+
+def test_a_relay_does_not_open_while_the_robot_is_enabled_or_about_to_be_unless_it_is_forced(hand: Hand) -> None:
+    hand.run(3)
+    assert hand.ask_kind(Kind.ENABLE) is Answer.ACCEPTED
+    assert hand.switch(close=False) is Answer.ENABLED, "enabling"
+    hand.enable()
+    assert hand.switch(close=False) is Answer.ENABLED
+    assert hand.run()["answer_joint"] == BATTERY
+    assert hand.relay == (False, 0.0)
+    assert hand.switch(close=True) is Answer.ACCEPTED
+    assert hand.switch(close=False, force=True) is Answer.ACCEPTED
+    assert hand.relay == (True, 0.0)
+
+
+def test_a_relay_opens_although_a_stop_is_latched(hand: Hand) -> None:
+    hand.enable()
+    hand.bench.loop.life.stop("test")
+    assert hand.switch(close=False) is Answer.ACCEPTED
+
+
+def test_a_relay_that_does_not_answer_and_one_that_is_none_are_refused(hand: Hand) -> None:
+    hand.run(3)
+    assert hand.switch(close=True, row=HAND) is Answer.MALFORMED
+    hand.answers = False
+    hand.run(SILENT_AFTER)
+    assert hand.switch(close=True) is Answer.DEVICE_SILENT
+    assert hand.relay == (False, 0.0)

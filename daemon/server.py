@@ -73,8 +73,7 @@ class Server:
         self._generation = 0
         self._doorbell = Doorbell(server_doorbell(runtime.folder))
         self._loop_bell = Bell(loop_doorbell(runtime.folder))
-        virtual = any(channel.interface == "handrail" for channel in description.channels)
-        self._bus = BusWatch(runtime) if virtual else None
+        self._bus = BusWatch(runtime, description.channels)
         self._publisher = Publisher(runtime.endpoint("daemon.events"), context=context)
         self._service = Service(runtime.endpoint("daemon.call"), m.DaemonCall, self._handle, context=context)
         self._poller = zmq.Poller()
@@ -125,8 +124,7 @@ class Server:
         self._publisher.close()
         self._doorbell.close()
         self._loop_bell.close()
-        if self._bus is not None:
-            self._bus.close()
+        self._bus.close()
 
     # ---------------------------------------------------------------------------------------------- what the loop tells
 
@@ -162,9 +160,7 @@ class Server:
             self._post_unasked(Kind.LOSE_OWNER, owner=owner)
 
     def _status(self) -> m.DaemonStatus:
-        return self._reporter.status(
-            self._owners.name, read_health(self._runtime.folder), self._bus.states() if self._bus else {}
-        )
+        return self._reporter.status(self._owners.name, read_health(self._runtime.folder), self._bus.states())
 
     # -------------------------------------------------------------------------------------------------------- calls
 

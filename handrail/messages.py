@@ -130,7 +130,8 @@ class BusStatistics(msgspec.Struct, kw_only=True):
     load: float = 0.0
     """share of the bus's time in use, 0..1, over the last second of the robot's clock"""
     state: str = ""
-    """of the daemon's own node there: error_active, error_passive, bus_off or cut; empty where that is not known"""
+    """of the daemon's own node there: error_active, error_passive, bus_off or cut, of SocketCAN also stopped or sleeping; empty
+    where that is not known"""
 
 
 class DeviceStatus(msgspec.Struct, kw_only=True):

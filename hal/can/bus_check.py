@@ -7,8 +7,6 @@ those rates and not in trouble. With a port: which drives answer, and are there 
 from __future__ import annotations
 
 import copy
-import json
-import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hal.can import frames, real_port
+from hal.can import controller_state, frames, real_port
 from hal.can.port import Port
 from hal.device import DeviceState
 from hal.drives.parameters import Parameter, ParameterResult
@@ -34,10 +32,10 @@ _VERSIONS_S = 0.5
 _REQUESTS_AT_ONCE = 4
 
 
-def check_channels(channels: Sequence[Any], *, ip: Callable[[str], str] | None = None) -> None:
+def check_channels(channels: Sequence[Any], *, ip: controller_state.Ip | None = None) -> None:
     """Check the real ones among a robot's channels without opening them. Raises ValueError with what to do.
 
-    `ip`: gives what `ip -json -details link show dev NAME` prints, "" where it can't.
+    `ip`: instead of asking the system.
     """
     for channel in channels:
         if channel.interface == "handrail":
@@ -49,30 +47,13 @@ def check_channels(channels: Sequence[Any], *, ip: Callable[[str], str] | None =
         name = getattr(channel, "channel", "") or channel.name
         real_port.arguments(channel.interface, name, channel.bitrate, channel.data_bitrate)
         if channel.interface == "socketcan":
-            _check_link(name, channel, (ip or _ask_ip)(name))
-
-
-def _ask_ip(name: str) -> str:
-    try:
-        done = subprocess.run(
-            ["ip", "-json", "-details", "link", "show", "dev", name],
-            capture_output=True, text=True, timeout=5.0, check=False,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired):
-        return ""  # no iproute2: what the socket says must do
-    if done.returncode and "does not exist" in done.stderr:
-        raise ValueError(
-            f"CAN channel {name}: no network interface of that name; expected one that `ip link show type can` lists "
-            f"(is the adapter plugged in, its driver loaded?)"
-        )
-    return done.stdout if done.returncode == 0 else ""
+            _check_link(name, channel, (ip or controller_state.ask_ip)(name))
 
 
 def _check_link(name: str, channel: Any, said: str) -> None:
     """Raises ValueError when what `ip` says of a network interface is not what the robot needs."""
-    try:
-        link = json.loads(said)[0]
-    except (ValueError, LookupError):
+    link = controller_state.link(said)
+    if not link:
         return
     wanted = f"bitrate {channel.bitrate} dbitrate {channel.data_bitrate} fd on"
     restart = f"`ip link set {name} down`, then `ip link set {name} up type can {wanted}`"
@@ -114,6 +95,8 @@ class Survey:
     """joint → (protocol version that its drive says, the one that its family has here), where they differ"""
     error_frames: dict[str, int] = field(default_factory=dict)
     """real channel → error frames that its controller reported, where there were any"""
+    controllers: dict[str, controller_state.ControllerState] = field(default_factory=dict)
+    """real channel → how its controller fares, where that can be told"""
 
 
 class _Surveyor:
@@ -190,6 +173,8 @@ def survey(description: Any, port: Port, protocol: Any) -> Survey:
         found.strangers[description.joints[row]] = (int(who.versions[row]), int(expected[row]))
     errors = getattr(port, "error_frames", ())
     found.error_frames = {c.name: int(n) for c, n in zip(description.channels, errors, strict=False) if n}
+    told = getattr(port, "states", {})
+    found.controllers = {channel: state for channel, state in told.items() if state is not None}
     return found
 
 
@@ -239,6 +224,12 @@ def refusal(description: Any, found: Survey, states: Mapping[tuple[str, str], st
             todo = (
                 f"the controller reports {count} error frames: a wrong bit rate somewhere (the robot says {channel.bitrate} and "
                 f"{channel.data_bitrate} bit/s), a broken cable or a missing termination"
+            )
+        elif (state := found.controllers.get(on)) and state.state != "error_active":
+            todo = (
+                f"this computer's controller is {state}: nobody acknowledges its frames, or nodes differ in bit rate; check "
+                f"power, cable and both 120 ohm terminations, and that every drive speaks {channel.bitrate} and "
+                f"{channel.data_bitrate} bit/s"
             )
         elif off:
             todo = (

@@ -85,6 +85,10 @@ def as_json(report: BusReport, before: BusReport | None) -> bytes:
     return msgspec.json.format(msgspec.json.encode(document), indent=2)
 
 
+def _count(number: int | None) -> str:
+    return "-" if number is None else str(number)
+
+
 def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.1f} %"
 
@@ -126,13 +130,14 @@ def _nodes(nodes: list[NodeState], most: int | None) -> Table:
         table.add_column(heading, justify="left" if heading in ("node", "channel", "state") else "right")
     # Those in trouble first.
     ordered = sorted(
-        nodes, key=lambda node: (node.state == "error_active", -node.transmit_errors, -node.receive_errors)
+        nodes,
+        key=lambda node: (node.state == "error_active", -(node.transmit_errors or 0), -(node.receive_errors or 0)),
     )
     for node in ordered[:most]:
         style = _STATE_STYLE.get(node.state, "")
         table.add_row(
-            node.name, node.channel, Text(node.state.replace("_", " "), style=style), str(node.transmit_errors),
-            str(node.receive_errors), f"{node.waiting:,}", f"{node.overflows:,}",
+            node.name, node.channel, Text(node.state.replace("_", " "), style=style), _count(node.transmit_errors),
+            _count(node.receive_errors), f"{node.waiting:,}", f"{node.overflows:,}",
         )  # fmt: skip
     if most is not None and len(nodes) > most:
         table.add_row(f"... and {len(nodes) - most} more (--all)")

@@ -57,7 +57,7 @@ def stats(
 ) -> None:
     """The bus's load by channel and identifier, its nodes' error counters and its faults, live until Ctrl-C.
 
-    Of a real bus (--interface) it shows what can be heard: load by identifier.
+    Of a real bus (--interface) it shows what can be heard: load by identifier, and this computer's controller where it tells.
 
     Load and frames/s are by the bus's own clock: a simulation that stands still shows `-`.
     Exit status 0: ended as asked; 1: there is no bus, or it ended.
@@ -74,7 +74,7 @@ def stats(
             from hal.can.listening import ListenedBus
 
             real = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-stats")
-            bus = ListenedBus(real, str(channel), bitrate, data_bitrate)
+            bus = ListenedBus(real, str(channel), bitrate, data_bitrate, interface)
         interrupt = Interrupt()
         try:
             before = bus.report()
@@ -196,10 +196,11 @@ def check(
     for device in description.devices:
         names[device.channel].append(device.name)
     for channel in description.channels:
-        members = names[channel.name]
+        members, state = names[channel.name], found.controllers.get(channel.name)
+        own = f", own controller {state}" if state else ""
         print(
             f"{channel.name}: {channel.interface}, {channel.bitrate:,} and {channel.data_bitrate:,} bit/s, "
-            f"{len(set(members) & set(found.answered))} of {len(members)} drives and devices answer"
+            f"{len(set(members) & set(found.answered))} of {len(members)} drives and devices answer{own}"
         )
     if not found.asked:
         print("a host is on the bus: this only listened")

@@ -37,8 +37,9 @@ class NodeState(msgspec.Struct, kw_only=True):
     channel: str
     state: str
     """error_active, error_passive, bus_off or cut"""
-    transmit_errors: int
-    receive_errors: int
+    transmit_errors: int | None
+    receive_errors: int | None
+    """TEC and REC; None: a real controller's that does not tell them"""
     waiting: int
     """frames in its transmit FIFO"""
     overflows: int

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import fnmatch
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -75,12 +76,15 @@ def add(
     probability: Annotated[float, typer.Option(help="Of a matching frame to be hit.")] = 1.0,
     delay: Annotated[float, typer.Option(min=0.0, help="s, of kind delay.")] = 0.005,
     seed: Annotated[int, typer.Option(help="Of this fault's random numbers.")] = 0,
+    even_if_absent: Annotated[
+        bool, typer.Option("--even-if-absent", help="Lay it for a --node that is yet to join the bus.")
+    ] = False,
     runtime: RuntimeFolder = None,
 ) -> None:
     """Lay a fault on the bus, and print its number.
 
     Example: handrail can fault add drop --node arm_right_3_joint --probability 0.3 --duration 2
-    Exit status 0: it is on the bus; 1: there is no bus, or no such fault.
+    Exit status 0: it is on the bus; 1: there is no bus, no such fault, or no such node.
     """
     with _hub("add", runtime) as hub:
         if (kind is None) == (file is None):
@@ -98,15 +102,23 @@ def add(
                 faults = [msgspec.convert(given, Fault)]
             except msgspec.ValidationError as error:
                 raise ValueError(_by_option(str(error))) from error
-        nodes = {node.name for node in hub.report().nodes}
+        if not even_if_absent:
+            _check_nodes(faults, sorted({node.name for node in hub.report().nodes}))
         for fault in faults:
-            if fault.node is not None and not fnmatch.filter(nodes, fault.node):
-                print(
-                    f"handrail can fault: node {fault.node!r}: not on the bus now; the fault waits for whoever joins by that name",
-                    file=sys.stderr,
-                )
             number = hub.add(fault)
             print(f"fault {number}: {fault.kind}" if file else number)
+
+
+def _check_nodes(faults: Iterable[Fault], nodes: list[str]) -> None:
+    """Raises ValueError for a fault of a node that is not on the bus: it would do nothing, and nobody would notice."""
+    for fault in faults:
+        if fault.node is not None and not fnmatch.filter(nodes, fault.node):
+            near = difflib.get_close_matches(fault.node, nodes, 3) or nodes[:8]
+            more = ", ..." if len(near) < len(nodes) else ""
+            raise ValueError(
+                f"--node {fault.node}: not on the bus now; expected one of {', '.join(near)}{more} (`handrail can stats` lists "
+                f"them), or --even-if-absent for one that is yet to join"
+            )
 
 
 def _hex(option: str, text: str | None) -> int | None:

@@ -9,18 +9,21 @@ from collections import defaultdict
 import can
 import numpy as np
 
-from hal.can.control import BusReport, ChannelState, IdentifierLoad
+from hal.can.control import BusReport, ChannelState, IdentifierLoad, NodeState
+from hal.can.controller_state import of_bus
 from hal.can.convert import to_record
 from hal.can.frames import WORDS
 from hal.can.timing import LoadMeter, frame_ns
 
 
 class ListenedBus:
-    """Counts what one channel of a real bus carries, from now on. Nodes and their error counters can't be heard."""
+    """Counts what one channel of a real bus carries, from now on. Of its nodes only this computer's controller may tell how it
+    fares; the others can't be heard."""
 
-    def __init__(self, bus: can.BusABC, name: str, bitrate: int, data_bitrate: int):
-        """`bus` is closed by `close`; `name`: what to call the channel; rates in bit/s, which the load is counted by."""
-        self._bus, self._name, self._rates = bus, name, (bitrate, data_bitrate)
+    def __init__(self, bus: can.BusABC, name: str, bitrate: int, data_bitrate: int, interface: str = ""):
+        """`bus` is closed by `close`; `name`: what to call the channel; rates in bit/s, which the load is counted by;
+        `interface`: python-can's name of it, by which its controller is asked."""
+        self._bus, self._name, self._rates, self._interface = bus, name, (bitrate, data_bitrate), interface
         self._counts: defaultdict[tuple[int, bool], list[int]] = defaultdict(lambda: [0, 0])
         self._error_frames, self._began, self._lock = 0, time.monotonic_ns(), threading.Lock()
         self._meter = LoadMeter()
@@ -71,7 +74,17 @@ class ListenedBus:
             load=self._meter.update(now, busy),
             identifiers=identifiers,
         )
-        return BusReport(time_ns=now, timing=True, channels=[channel], nodes=[], faults={}, hits={})
+        return BusReport(time_ns=now, timing=True, channels=[channel], nodes=self._controller(), faults={}, hits={})
+
+    def _controller(self) -> list[NodeState]:
+        told = of_bus(self._bus, self._interface, self._name)
+        if told is None:
+            return []
+        node = NodeState(
+            name="this computer", channel=self._name, state=told.state, transmit_errors=told.transmit_errors,
+            receive_errors=told.receive_errors, waiting=0, overflows=0,
+        )  # fmt: skip
+        return [node]
 
     def close(self) -> None:
         """Stop listening and leave the bus."""

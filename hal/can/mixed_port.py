@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hal.can.controller_state import ControllerState
 from hal.can.frames import MAX_CHANNELS, RECORD
 from hal.can.port import ROOM, HubPort
 from hal.can.real_port import CanPort
@@ -68,6 +69,11 @@ class MixedPort:
         counted = np.zeros(len(self.counters), np.int64)
         counted[self._sides[1][1]] = self._real.error_frames
         return counted
+
+    @property
+    def states(self) -> dict[str, ControllerState | None]:
+        """How the controllers of real channels fare; see CanPort.states."""
+        return self._real.states
 
     def send(self, records: npt.NDArray[np.void]) -> None:
         """Queue frames without waiting; see Port.send."""

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.can import convert
+from hal.can.controller_state import ControllerState, of_bus
 from hal.can.counting import RECEIVED, SENT, count_frames
 from hal.can.frames import BYTES, RECORD
 from hal.can.port import ROOM
@@ -158,11 +159,11 @@ class CanPort:
         self._records = np.zeros(ROOM, RECORD)
         self._bytes = self._records.view(np.uint8).data
         self._names = [channel.name for channel in channels]
+        self._places = [(channel.interface, getattr(channel, "channel", "") or channel.name) for channel in channels]
         self._buses: list[can.BusABC] = []
         self._poll = select.epoll()
         self._unwaitable: can.BusABC | None = None
-        for channel in channels:
-            python_cans = getattr(channel, "channel", "") or channel.name
+        for channel, (_, python_cans) in zip(channels, self._places, strict=True):
             options = getattr(channel, "options", None)
             try:
                 bus = open_bus(channel.interface, python_cans, channel.bitrate, channel.data_bitrate, options)
@@ -176,15 +177,12 @@ class CanPort:
                 self._unwaitable = bus
 
     @property
-    def states(self) -> list[can.BusState | None]:
-        """What each channel's controller says of itself; None where its interface can't tell."""
-        said: list[can.BusState | None] = []
-        for bus in self._buses:
-            try:
-                said.append(bus.state)
-            except (NotImplementedError, can.CanError, OSError):
-                said.append(None)
-        return said
+    def states(self) -> dict[str, ControllerState | None]:
+        """How each channel's controller fares; None where nobody can tell. Asks the system: not for the loop."""
+        return {
+            name: of_bus(bus, interface, channel)
+            for name, bus, (interface, channel) in zip(self._names, self._buses, self._places, strict=True)
+        }
 
     def send(self, records: npt.NDArray[np.void]) -> None:
         """Queue frames without waiting; see Port.send."""

@@ -302,7 +302,8 @@ def test_stats_measures_the_load_that_is_there(run: Callable[..., Result], port:
 
 
 def test_faults_are_laid_listed_and_taken_back(run: Callable[..., Result], running: Path, tmp_path: Path) -> None:
-    added = run("fault", "add", "drop", "--node", "arm_*", "--id", "203", "--probability", "0.3", "--duration", "2")
+    words = ("fault", "add", "drop", "--node", "arm_*", "--id", "203", "--probability", "0.3", "--duration", "2")
+    added = run(*words, "--even-if-absent")
     number = int(added.stdout)
     control = HubControl(running / "bus.sock")
     assert control.report().faults[number] == Fault(
@@ -318,6 +319,24 @@ def test_faults_are_laid_listed_and_taken_back(run: Callable[..., Result], runni
     assert run("fault", "clear").stdout == "2 cleared\n" and not control.report().faults
     assert run("fault", "list").stdout == "no faults\n"
     control.close()
+
+
+def test_a_fault_of_a_node_that_is_not_on_the_bus_is_refused_whole(
+    run: Callable[..., Result], running: Path, tmp_path: Path
+) -> None:
+    node, control = HubPort(running / "bus.sock", ["can0"], name="arm_right_3_joint"), HubControl(running / "bus.sock")
+    refused = run("fault", "add", "drop", "--node", "arm_rigth_3_joint")
+    assert refused.exit_code == 1
+    assert "--node arm_rigth_3_joint: not on the bus now; expected one of arm_right_3_joint" in refused.output
+    script = tmp_path / "faults.yaml"
+    script.write_text("faults:\n- {kind: delay, node: arm_right_3_joint}\n- {kind: cut, node: nobody}\n")
+    refused = run("fault", "add", "--file", str(script))
+    assert refused.exit_code == 1 and "--node nobody" in refused.output
+    assert not control.report().faults
+    assert run("fault", "add", "drop", "--node", "arm_right_?_joint").exit_code == 0
+    run("fault", "clear")
+    control.close()
+    node.close()
 
 
 def test_a_fault_acts_until_its_count_and_its_hits_are_shown(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hal.plant import actuator_kernels as kernel
-from hal.plant.actuator_kernels import FIRMWARE_HZ
+from hal.plant.actuator_kernels import FIRMWARE_HZ, ActuatorMemory
 from hal.plant.actuator_model import ActuatorModel, actuators_of
 from hal.plant.transmission import ParallelTransmission
 from handrail.robot.description import RobotDescription
@@ -71,36 +71,38 @@ class Actuators:
             closed = np.sqrt(stiffness * (1.0 + self.torque_kp) / inertia)
             wanted = 2.0 * TORQUE_DAMPING_RATIO * (1.0 + self.torque_kp) / closed
             self.torque_kd[:] = np.maximum(wanted - friction / stiffness, 0.0)
-        self._table = table = _table(model, plant or model)
+        parts = ActuatorMemory(n, len(pairs))
+        self.memory = parts.memory
+        """all that the arrays below show, in one piece for kernels: never rebind them"""
+        self._table, self._state = table, _ = parts.table, parts.state
+        _describe(table, model, plant or model)
         self.tune()
-        self._state = np.zeros((n, kernel.STATE_COLUMNS))
         self._state[:, kernel.HELD] = np.inf
-        self._seeds = np.random.default_rng(seed).integers(1, 2**63, n, dtype=np.uint64)
-        self._alone = np.array([j for j in range(n) if all(j not in pair[:2] for pair in pairs)], np.intp)
-        self._pairs = np.array([pair[:2] for pair in pairs], np.intp).reshape(-1, 2)
-        self._rods = np.array([pair[2].rods for pair in pairs] or np.zeros((0, 1)))
-        self.set_points = np.zeros((5, n))
-        """position, velocity, torque, stiffness, damping: the arrays below are its rows"""
-        self.position, self.velocity, self.torque, self.stiffness, self.damping = self.set_points
-        self.mode = np.zeros(n, np.uint8)
+        parts.seeds[:] = np.random.default_rng(seed).integers(1, 2**63, n, dtype=np.uint64)
+        for number, (pitch, roll, transmission) in enumerate(pairs):
+            parts.pairs[number], parts.rods[number] = (pitch, roll), transmission.rods
+            parts.marks[kernel.PAIRED, [pitch, roll]] = True
+        signals = parts.signals
+        self.position, self.velocity, self.torque, self.stiffness, self.damping = signals[: kernel.DAMPING + 1]
+        self.mode = parts.marks[kernel.MODE]
         """hal.joint.Mode"""
-        self.powered = np.zeros(n, np.bool_)
-        self.smooth = np.ones(n, np.bool_)
-        """whether a change of mode goes on from the torque that was; False takes the new mode's torque at once"""
-        self.derating = np.ones(n)
+        self.powered, self.smooth, self.limited = parts.marks[kernel.POWERED : kernel.LIMITED + 1].view(np.bool_)
+        """`smooth`: whether a change of mode goes on from the torque that was; False takes the new mode's torque at once.
+        `limited`: whether a limit acted in the last step"""
+        self.smooth[:] = True
+        self.derating = signals[kernel.DERATING]
         """0..1, of torque and current: what a hot motor may still do"""
-        self.spring_torque = np.zeros(n)
+        self.derating[:] = 1.0
+        self.spring_torque = signals[kernel.SPRING]
         """N·m, mean over the last step: what acts on the joint"""
-        self.measured_position = np.zeros(n)
-        """rad, the encoder's last reading"""
-        self.measured_velocity = np.zeros(n)
-        """rad/s, of the loop that tracks the encoder"""
-        self.measured_torque = np.zeros(n)
+        self.measured_position, self.measured_velocity = signals[kernel.READING], signals[kernel.READING_RATE]
+        """rad, the encoder's last reading; rad/s, of the loop that tracks the encoder"""
+        self.measured_torque = signals[kernel.READING_TORQUE]
         """N·m at the joint, the spring sensor's mean over the last step"""
-        self.goal = np.zeros(n)
+        self.goal = signals[kernel.GOAL]
         """N·m, the torque that the last step's set-point asked for, within all limits"""
-        self.limited = np.zeros(n, np.bool_)
-        """whether a limit acted in the last step"""
+        self.current = self._state[:, kernel.CURRENT]
+        """A, of the motors, now"""
         self.torque_limit = table[:, kernel.EFFORT]
         """N·m, of the set-point, at the joint"""
         self.current_limit = table[:, kernel.CURRENT_MAX]
@@ -128,11 +130,6 @@ class Actuators:
     def __len__(self) -> int:
         return len(self.mode)
 
-    @property
-    def current(self) -> np.ndarray:
-        """A (n,), of the motors, now."""
-        return self._state[:, kernel.CURRENT]
-
     def relax(self, position: np.ndarray) -> None:
         """Put the rotors where the springs are slack, at rest, for joints at `position` rad (n,)."""
         table, state = self._table, self._state
@@ -143,7 +140,7 @@ class Actuators:
         quantum = table[:, kernel.QUANTUM]
         reading = np.round((position + table[:, kernel.MOUNTED]) / quantum) * quantum + self.encoder_offset
         state[:, kernel.TRACKED] = self.measured_position[:] = reading
-        state[:, kernel.HELD], state[:, kernel.MODE] = np.inf, self.mode
+        state[:, kernel.HELD], state[:, kernel.MODE_BEFORE] = np.inf, self.mode
         for row in (self.spring_torque, self.measured_torque, self.measured_velocity, self.goal):
             row[:] = 0.0
 
@@ -190,18 +187,12 @@ class Actuators:
 
         `joint_position` rad (n,), `joint_velocity` rad/s (n,) at the step's start. Returns `spring_torque`.
         """
-        kernel.run(
-            cycles, joint_position, joint_velocity, self.set_points, self.mode, self.powered, self.smooth,
-            self.derating, self._alone, self._pairs, self._rods, self._table, self._state, self._seeds,
-            self.measured_position, self.measured_velocity, self.measured_torque, self.spring_torque, self.goal,
-            self.limited,
-        )  # fmt: skip
+        kernel.run(cycles, joint_position, joint_velocity, self.memory)
         return self.spring_torque
 
 
-def _table(model: ActuatorModel, plant: ActuatorModel) -> np.ndarray:
-    """The kernel's table: the actuators as they are, and as the firmware believes them, without limits of motion."""
-    table = np.zeros((len(model), kernel.TABLE_COLUMNS))
+def _describe(table: np.ndarray, model: ActuatorModel, plant: ActuatorModel) -> None:
+    """Fill the kernel's table: the actuators as they are, and as the firmware believes them, without limits of motion."""
     table[:, kernel.K], table[:, kernel.B] = plant.stiffness, plant.rotor_damping
     table[:, kernel.PER_J] = 1.0 / plant.rotor_inertia
     table[:, kernel.NKT], table[:, kernel.COULOMB] = plant.torque_per_current, plant.rotor_friction
@@ -216,4 +207,3 @@ def _table(model: ActuatorModel, plant: ActuatorModel) -> np.ndarray:
     table[:, kernel.AF] = 1.0 - math.exp(-2.0 * np.pi * TORQUE_RATE_FILTER_HZ * _DT)
     table[:, kernel.LOWER], table[:, kernel.UPPER] = -np.inf, np.inf
     table[:, kernel.SPEED_MAX] = 1e9
-    return table

@@ -1,7 +1,8 @@
 """The compiled firmware: sensors, set-points, limits and torque loop of every actuator, cycle by cycle. Nothing allocates.
 
-Tables hold a row an actuator: `table` what does not change from cycle to cycle, `state` what does. Their columns are named
-here and filled by hal.plant.actuator. In the kernels t and s are one actuator's rows of them, w its set-point.
+All that the actuators are and remember is one piece of memory, which hal.plant.actuator fills: each argument of a compiled
+function costs as much as a cycle of an actuator. Its parts hold a row or a column an actuator, and are named here. In the kernels
+t and s are one actuator's rows of table and state, w its set-point.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import math
 import numpy as np
 from numba import njit
 
+from hal.drives.borrowing import borrowed
 from hal.joint import Mode
-from hal.plant.transmission import rod_lengths
+from hal.plant.transmission import ROD_COLUMNS, rod_lengths
 
 FIRMWARE_HZ = 5000
 MODE_SWITCH_RATE = 10.0
@@ -24,20 +26,25 @@ SPRING_BITS = 24
 APPROACH_RATE = 20.0
 """1/s: how fast a joint may still go towards its end, over what is left of the way"""
 
-# Columns of the table. First what the actuator is: spring, friction, inertia, torque per current, Coulomb friction and half
-# the backlash before the spring; encoder's resolution, noise and mounting error.
+# Rows of the actuators' signals: the set-point, what a hot motor may still do, what acts on the joint, what the firmware reads,
+# and the torque that it aims at.
+POSITION, VELOCITY, TORQUE, STIFFNESS, DAMPING, DERATING, SPRING, READING, READING_RATE, READING_TORQUE, GOAL = range(
+    11
+)
+# Columns of the table, what does not change from cycle to cycle. First what the actuator is: spring, friction, inertia, torque
+# per current, Coulomb friction and half the backlash before the spring; encoder's resolution, noise and mounting error.
 K, B, PER_J, NKT, COULOMB, SLACK, QUANTUM, PER_QUANTUM, NOISE, MOUNTED = range(10)
 # Then what the firmware believes and wants: spring and torque per current, gains of the torque loop, current limit, torque
 # limits of actuator and joint, the observer's filters, current loop, slope filter, position loop, limits, calibration.
 MODEL_K, MODEL_NKT, KP, KD, CURRENT_MAX, FORCE_MAX, EFFORT, P0, P1, P2, A1, A2, Q0, Q1, Q2, AC, AF = range(10, 27)
 POSITION_K, POSITION_D, POSITION_I, SPEED_MAX, SPEED_GAIN, LOWER, UPPER, ENCODER_ADDS, TORQUE_ADDS = range(27, 36)
-TABLE_COLUMNS = 36
-# Columns of the state.
+# Columns of the state, what does.
 ROTOR, RATE, CURRENT, DISTURBANCE, LAST, SLOPE, X1, X2, Y1, Y2 = range(10)
-INTEGRAL, REST, HELD, MODE, TRACKED, TRACKED_RATE = range(10, 16)
-STATE_COLUMNS = 16
-# A set-point.
-POSITION, VELOCITY, TORQUE, STIFFNESS, DAMPING = range(5)
+INTEGRAL, REST, HELD, MODE_BEFORE, TRACKED, TRACKED_RATE = range(10, 16)
+# Rows of the actuators' marks, one byte each: hal.joint.Mode, and four that are true or false.
+MODE, POWERED, SMOOTH, LIMITED, PAIRED = range(5)
+_SIGNALS, _TABLE, _STATE, _MARKS = 11, 36, 16, 5
+_HEAD = 2
 
 _DT = 1.0 / FIRMWARE_HZ
 _SPRING_QUANTUM = 2.0 * math.pi / 2**SPRING_BITS
@@ -48,6 +55,49 @@ _MODE_DAMPING, _MODE_TORQUE, _MODE_POSITION = int(Mode.DAMPING), int(Mode.TORQUE
 _SHIFT_A, _SHIFT_B, _SHIFT_C, _LOW = np.uint64(13), np.uint64(7), np.uint64(17), np.uint64(0xFFFF)
 _TO_WHOLE = 1.5 * 2.0**52  # added and taken away again, it rounds a double of moderate size to a whole number
 _GAUSS = math.sqrt(3.0) / 65536.0
+
+
+class ActuatorMemory:
+    """n actuators, of which `pairs` pairs share their joints. All parts are views of `memory`: never rebind them."""
+
+    def __init__(self, n: int, pairs: int):
+        floats = (_SIGNALS + _TABLE + _STATE) * n
+        self.memory = np.zeros(_HEAD + floats + n + (2 + ROD_COLUMNS) * pairs + (_MARKS * n + 7) // 8, np.int64)
+        """n, pairs, and everything below"""
+        self.memory[:_HEAD] = n, pairs
+        sizes = (_SIGNALS * n, _TABLE * n, _STATE * n, n, 2 * pairs, ROD_COLUMNS * pairs)
+        parts = np.split(self.memory, _HEAD + np.cumsum((0, *sizes)))[1:]
+        self.signals = parts[0].view(np.float64).reshape(_SIGNALS, n)
+        self.table = parts[1].view(np.float64).reshape(n, _TABLE)
+        self.state = parts[2].view(np.float64).reshape(n, _STATE)
+        self.seeds = parts[3].view(np.uint64)
+        """of the encoders' noise"""
+        self.pairs = parts[4].reshape(pairs, 2)
+        """rows of pitch and roll"""
+        self.rods = parts[5].view(np.float64).reshape(pairs, ROD_COLUMNS)
+        self.marks = parts[6].view(np.uint8)[: _MARKS * n].reshape(_MARKS, n)
+
+
+@njit(cache=True)
+def actuator_parts(memory):  # type: ignore[no-untyped-def]
+    """signals, table, state, seeds, pairs, rods, marks of an ActuatorMemory"""
+    memory = borrowed(memory)
+    n, pairs = memory[0], memory[1]
+    table = _HEAD + _SIGNALS * n
+    state = table + _TABLE * n
+    seeds = state + _STATE * n
+    pair = seeds + n
+    rods = pair + 2 * pairs
+    marks = rods + ROD_COLUMNS * pairs
+    return (
+        memory[_HEAD:table].view(np.float64).reshape(_SIGNALS, n),
+        memory[table:state].view(np.float64).reshape(n, _TABLE),
+        memory[state:seeds].view(np.float64).reshape(n, _STATE),
+        memory[seeds:pair].view(np.uint64),
+        memory[pair:rods].reshape(pairs, 2),
+        memory[rods:marks].view(np.float64).reshape(pairs, ROD_COLUMNS),
+        memory[marks:].view(np.uint8)[: _MARKS * n].reshape(_MARKS, n),
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -101,9 +151,9 @@ def _switch_mode(mode, smooth, q, v, last_goal, w, t, s):  # type: ignore[no-unt
     """
     if not smooth:
         s[REST] = 0.0
-    if mode == s[MODE]:
+    if mode == s[MODE_BEFORE]:
         return
-    s[MODE] = mode
+    s[MODE_BEFORE] = mode
     s[INTEGRAL] = 0.0
     if not smooth:
         return
@@ -210,20 +260,28 @@ def _drive(goal, powered, derating, joint, joint_rate, t, s):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
-def run(  # type: ignore[no-untyped-def]
-    cycles, q, v, points, mode, powered, smooth, derating, alone, pairs, rods, table, state, seeds,
-    reading, reading_rate, reading_torque, spring, goals, limited,
-):  # fmt: skip
+def _set_point(signals, j):  # type: ignore[no-untyped-def]
+    return signals[POSITION, j], signals[VELOCITY, j], signals[TORQUE, j], signals[STIFFNESS, j], signals[DAMPING, j]
+
+
+@njit(cache=True, error_model="numpy")
+def run(cycles, q, v, memory):  # type: ignore[no-untyped-def]
     """`cycles` of the firmware for every actuator, for joints at `q`, going on at constant velocity `v` (n,).
 
-    `alone`: rows of joints with an actuator of their own; `pairs` (m, 2): rows of pitch and roll of the others. Writes the
-    state, the readings and the mean torques at the joints, the last goals, and where a limit acted (n,).
+    memory: an ActuatorMemory's. Writes the state, the readings and the mean torques at the joints, the last goals, and where a
+    limit acted.
     """
-    for j in alone:
-        w = (points[POSITION, j], points[VELOCITY, j], points[TORQUE, j], points[STIFFNESS, j], points[DAMPING, j])
-        t, s, seed = table[j], state[j], seeds[j : j + 1]
-        _switch_mode(mode[j], smooth[j], reading[j], reading_rate[j], goals[j], w, t, s)
-        joint, rate, on, law, derated = q[j], v[j], powered[j], mode[j], derating[j]
+    signals, table, state, seeds, pairs, rods, marks = actuator_parts(memory)
+    q, v = borrowed(q), borrowed(v)
+    for j in range(len(q)):
+        if marks[PAIRED, j]:
+            continue
+        w, t, s, seed = _set_point(signals, j), table[j], state[j], seeds[j : j + 1]
+        law, on, derated = marks[MODE, j], marks[POWERED, j] != 0, signals[DERATING, j]
+        _switch_mode(
+            law, marks[SMOOTH, j] != 0, signals[READING, j], signals[READING_RATE, j], signals[GOAL, j], w, t, s
+        )
+        joint, rate = q[j], v[j]
         angle, mean, sensed, goal, any_limit = 0.0, 0.0, 0.0, 0.0, False
         for _ in range(cycles):
             angle = _read_encoder(joint, t, s, seed)
@@ -237,13 +295,16 @@ def run(  # type: ignore[no-untyped-def]
             joint += _DT * rate
         if not on:
             _forget(s)
-        reading[j], reading_rate[j], reading_torque[j] = angle, s[TRACKED_RATE], sensed / cycles
-        spring[j], goals[j], limited[j] = mean / cycles, goal, any_limit
+        _tell(j, angle, s[TRACKED_RATE], sensed / cycles, mean / cycles, goal, any_limit, signals, marks)
     for m in range(len(pairs)):
-        _run_pair(
-            pairs[m, 0], pairs[m, 1], rods[m], cycles, q, v, points, mode, powered, smooth, derating, table, state, seeds,
-            reading, reading_rate, reading_torque, spring, goals, limited,
-        )  # fmt: skip
+        _run_pair(pairs[m, 0], pairs[m, 1], rods[m], cycles, q, v, signals, table, state, seeds, marks)
+
+
+@njit(cache=True, error_model="numpy")
+def _tell(j, angle, rate, sensed, mean, goal, limited, signals, marks):  # type: ignore[no-untyped-def]
+    """Leave what others read of an actuator."""
+    signals[READING, j], signals[READING_RATE, j], signals[READING_TORQUE, j] = angle, rate, sensed
+    signals[SPRING, j], signals[GOAL, j], marks[LIMITED, j] = mean, goal, limited
 
 
 @njit(cache=True, error_model="numpy")
@@ -254,10 +315,7 @@ def _forget(s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _run_pair(  # type: ignore[no-untyped-def]
-    a, b, rods, cycles, q, v, points, mode, powered, smooth, derating, table, state, seeds,
-    reading, reading_rate, reading_torque, spring, goals, limited,
-):  # fmt: skip
+def _run_pair(a, b, rods, cycles, q, v, signals, table, state, seeds, marks):  # type: ignore[no-untyped-def]
     """The same for joints that two actuators move together: goals in joint space, torque loops in the actuators' own.
 
     a: row of the pitch joint and of the left actuator, b: row of the roll joint and of the right actuator.
@@ -267,12 +325,16 @@ def _run_pair(  # type: ignore[no-untyped-def]
     ap, ar, bp, br = jacobian[0, 0], jacobian[0, 1], jacobian[1, 0], jacobian[1, 1]
     xa, xb, va, vb = x[0], x[1], ap * v[a] + ar * v[b], bp * v[a] + br * v[b]
     determinant = ap * br - ar * bp
-    wa = (points[POSITION, a], points[VELOCITY, a], points[TORQUE, a], points[STIFFNESS, a], points[DAMPING, a])
-    wb = (points[POSITION, b], points[VELOCITY, b], points[TORQUE, b], points[STIFFNESS, b], points[DAMPING, b])
-    ta, sa, tb, sb = table[a], state[a], table[b], state[b]
-    _switch_mode(mode[a], smooth[a], reading[a], reading_rate[a], goals[a], wa, ta, sa)
-    _switch_mode(mode[b], smooth[b], reading[b], reading_rate[b], goals[b], wb, tb, sb)
-    pitch, roll, on, derated = q[a], q[b], powered[a] and powered[b], min(derating[a], derating[b])
+    wa, ta, sa, law_a = _set_point(signals, a), table[a], state[a], marks[MODE, a]
+    wb, tb, sb, law_b = _set_point(signals, b), table[b], state[b], marks[MODE, b]
+    _switch_mode(
+        law_a, marks[SMOOTH, a] != 0, signals[READING, a], signals[READING_RATE, a], signals[GOAL, a], wa, ta, sa
+    )
+    _switch_mode(
+        law_b, marks[SMOOTH, b] != 0, signals[READING, b], signals[READING_RATE, b], signals[GOAL, b], wb, tb, sb
+    )
+    on = marks[POWERED, a] != 0 and marks[POWERED, b] != 0
+    pitch, roll, derated = q[a], q[b], min(signals[DERATING, a], signals[DERATING, b])
     mean_a = mean_b = sensed_a = sensed_b = goal_a = goal_b = angle_a = angle_b = 0.0
     limit_a = limit_b = False
     for _ in range(cycles):
@@ -281,8 +343,8 @@ def _run_pair(  # type: ignore[no-untyped-def]
         force_a = force_b = 0.0
         over_a = over_b = False
         if on:
-            goal_a, over_a = _goal(mode[a], derated, angle_a, wa, ta, sa)
-            goal_b, over_b = _goal(mode[b], derated, angle_b, wb, tb, sb)
+            goal_a, over_a = _goal(law_a, derated, angle_a, wa, ta, sa)
+            goal_b, over_b = _goal(law_b, derated, angle_b, wb, tb, sb)
             # F = J⁻ᵀ τ; beyond what an actuator can do both give way alike, so that the torques keep their direction.
             force_a = (br * goal_a - bp * goal_b) / determinant
             force_b = (ap * goal_b - ar * goal_a) / determinant
@@ -301,7 +363,7 @@ def _run_pair(  # type: ignore[no-untyped-def]
     if not on:
         _forget(sa)
         _forget(sb)
-    reading[a], reading_rate[a], reading_torque[a] = angle_a, sa[TRACKED_RATE], (ap * sensed_a + bp * sensed_b) / cycles
-    reading[b], reading_rate[b], reading_torque[b] = angle_b, sb[TRACKED_RATE], (ar * sensed_a + br * sensed_b) / cycles
-    spring[a], goals[a], limited[a] = (ap * mean_a + bp * mean_b) / cycles, goal_a, limit_a
-    spring[b], goals[b], limited[b] = (ar * mean_a + br * mean_b) / cycles, goal_b, limit_b
+    sensed, mean = (ap * sensed_a + bp * sensed_b) / cycles, (ap * mean_a + bp * mean_b) / cycles
+    _tell(a, angle_a, sa[TRACKED_RATE], sensed, mean, goal_a, limit_a, signals, marks)
+    sensed, mean = (ar * sensed_a + br * sensed_b) / cycles, (ar * mean_a + br * mean_b) / cycles
+    _tell(b, angle_b, sb[TRACKED_RATE], sensed, mean, goal_b, limit_b, signals, marks)

@@ -20,39 +20,23 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from hal.drives.lifecycle import INTERNAL_LIMIT, WARNING, DriveError, State, transition
+from hal.drives.lifecycle import DriveError, State
 from hal.drives.parameters import ParameterResult
 from hal.joint import JointCommand, Mode
+from hal.plant import drive_kernels as kernel
 from hal.plant.actuator import Actuators
+from hal.plant.drive_kernels import AMBIENT, NEVER, STEP_NS, DriveMemory
 from hal.plant.drive_parameters import DriveParameters
 from handrail.robot.description import RobotDescription
 
-STEP_NS = 1_000_000
-"""one step of the plant"""
-QUICK_STOP_NS = 250_000_000
-"""how long a quick stop damps before the brake closes"""
-BRAKE_RELEASE_NS = 50_000_000
-"""from the first command to the open brake: the spring takes the load up meanwhile, so that nothing drops"""
-AMBIENT = 25.0
-"""°C"""
 TEMPERATURE_WARNING, TEMPERATURE_LIMIT = 80.0, 95.0
 """°C, until somebody writes others"""
-BUS_VOLTAGE, UNDERVOLTAGE = 48.0, 36.0
-"""V: nominal, and where a drive faults"""
-_RATED_RISE, _THERMAL_TIME_CONSTANT = 40.0, 600.0  # K at rated torque for ever; s
-# A drive trips when the joint runs at more than this over its velocity limit for so long: a blow alone does not trip it.
-_OVERSPEED_RATIO, _OVERSPEED_NS = 2.0, 5_000_000
-
-_ENABLED, _QUICK_STOP, _FAULT = int(State.OPERATION_ENABLED), int(State.QUICK_STOP_ACTIVE), int(State.FAULT)
-_WATCHDOG = int(DriveError.WATCHDOG)
-_OVERTEMPERATURE, _OVERSPEED = int(DriveError.OVERTEMPERATURE), int(DriveError.OVERSPEED)
-_UNDERVOLTAGE = int(DriveError.UNDERVOLTAGE)
-_DAMPING, _IMPEDANCE = int(Mode.DAMPING), int(Mode.IMPEDANCE)
-_WARNING, _INTERNAL_LIMIT = np.uint16(WARNING), np.uint16(INTERNAL_LIMIT)
-_LEAST_DERATING = 1e-3
-_NEVER = -1
+BUS_VOLTAGE = 48.0
+"""V, nominal"""
+_RATED_RISE = 40.0  # K at rated torque for ever
+_OVERSPEED_RATIO = 2.0
+"""velocity at which a drive trips over its limit"""
 
 
 class DriveNodes:
@@ -61,49 +45,47 @@ class DriveNodes:
     def __init__(self, description: RobotDescription, actuators: Actuators):
         n = len(description.joints)
         self.actuators = actuators
-        self.state = np.full(n, State.SWITCH_ON_DISABLED, np.uint8)
-        self.error = np.zeros(n, np.uint8)
-        self.temperature = np.full(n, AMBIENT)
-        self.temperature_warning = np.full(n, TEMPERATURE_WARNING)
+        parts = DriveMemory(n, description.period_ns, description.watchdog_cycles)
+        self._memory, values, times, marks = parts.memory, parts.values, parts.times, parts.marks
+        self.state, self.error, self._next = marks[kernel.STATE], marks[kernel.ERROR], marks[kernel.NEXT]
+        self.state[:] = State.SWITCH_ON_DISABLED
+        self.temperature, self.bus_voltage = values[kernel.TEMPERATURE], values[kernel.VOLTAGE]
+        """`bus_voltage`: V, at the drives: whoever feeds them writes it"""
+        self.temperature_warning, self.temperature_limit = values[kernel.WARM], values[kernel.HOT]
         """°C"""
-        self.temperature_limit = np.full(n, TEMPERATURE_LIMIT)
-        """°C"""
-        self.flags = np.zeros(n, np.uint16)
+        self.temperature[:], self.bus_voltage[:] = AMBIENT, BUS_VOLTAGE
+        self.temperature_warning[:], self.temperature_limit[:] = TEMPERATURE_WARNING, TEMPERATURE_LIMIT
+        self.flags = parts.flags
         """statusword's bits 7, hotter than the warning temperature, and 11, a limit of the drive acts"""
-        self.bus_voltage = np.full(n, BUS_VOLTAGE)
-        """V, at the drives: whoever feeds them writes it"""
-        self.brakes = np.ones(n, np.bool_)
+        self.brakes = marks[kernel.BRAKED].view(np.bool_)
+        self.brakes[:] = True
         self.brakes_moved = True
         """set when a brake closed or opened; whoever moves the joints resets it"""
         self.now_ns = 0
         """the drives' own clock"""
-        self._description = description
-        self._controlword = np.zeros(n, np.uint8)
-        self._heard = np.zeros(n, np.int64)
-        self._interval = np.full(n, description.watchdog_cycles * description.period_ns, np.int64)
-        self._first_command = np.full(n, _NEVER, np.int64)
-        self._stopped = np.zeros(n, np.int64)
-        self._fast = np.full(n, _NEVER, np.int64)
-        self._overspeed = _OVERSPEED_RATIO * description.velocity_limit
+        self._heard, self._first_command = times[kernel.HEARD], times[kernel.FIRST_COMMAND]
+        self._stopped = times[kernel.STOPPED]
+        self._first_command[:] = times[kernel.FAST] = NEVER
+        times[kernel.INTERVAL] = description.watchdog_cycles * description.period_ns
         model = actuators.model
-        self._heat = _RATED_RISE / (model.torque_limit / model.torque_per_current) ** 2
+        values[kernel.HEAT] = _RATED_RISE / (model.torque_limit / model.torque_per_current) ** 2
+        values[kernel.OVERSPEED] = _OVERSPEED_RATIO * description.velocity_limit
+        self._quick_stop_damping = values[kernel.QUICK_STOP_DAMPING]
+        self._quick_stop_damping[:] = description.quick_stop_damping
         actuators.set_limits(
             description.lower, description.upper, description.velocity_limit, description.quick_stop_damping
         )
         self._parameters = DriveParameters(self, description.joints)
-        self._everyone = np.ones(n, np.bool_)
-        self._default_cycles = np.full(n, description.watchdog_cycles, np.uint8)
+        self._everyone, self._usual_cycles = np.ones(n, np.bool_), np.zeros(n, np.uint8)
 
     def __len__(self) -> int:
         return len(self.state)
 
     def control(self, controlwords: npt.NDArray[np.uint8], addressed: npt.NDArray[np.bool_] | None = None) -> None:
         """CiA 402 controlwords (n,), low byte, for the drives that they are `addressed` to (n,) (None: to all)."""
-        addressed = self._everyone if addressed is None else addressed
-        after = np.where(addressed, transition(self.state, controlwords, self._controlword), self.state)
-        self._controlword[addressed] = controlwords[addressed]
-        for row in np.flatnonzero(after != self.state):
-            self._enter(int(row), State(self.state[row]), State(after[row]))
+        if kernel.climb(controlwords, self._everyone if addressed is None else addressed, self._memory):
+            for row in np.flatnonzero(self._next != self.state):
+                self._enter(int(row), State(self.state[row]), State(self._next[row]))
 
     def command(
         self,
@@ -116,21 +98,14 @@ class DriveNodes:
         `watchdog_cycles` (n,): host cycles that a drive goes on without another one (None, or 0: the description's). A drive
         that is not in operation enabled ignores set-points.
         """
-        a = self.actuators
-        _take(
+        kernel.take(
             self.now_ns,
-            self._everyone if addressed is None else addressed,
-            self._default_cycles if watchdog_cycles is None else watchdog_cycles,
-            self._default_cycles,
-            self._description.period_ns,
-            (command.position, command.velocity, command.torque, command.stiffness, command.damping),
+            command.table,
             command.mode,
-            (a.position, a.velocity, a.torque, a.stiffness, a.damping),
-            a.mode,
-            self.state,
-            self._heard,
-            self._interval,
-            self._first_command,
+            self._everyone if addressed is None else addressed,
+            self._usual_cycles if watchdog_cycles is None else watchdog_cycles,
+            self._memory,
+            self.actuators.memory,
         )
 
     def switch_off(self) -> None:
@@ -159,14 +134,14 @@ class DriveNodes:
         self.state[row] = after
         if after is State.OPERATION_ENABLED:
             # The brake stays closed until the host has said what the drive shall do.
-            actuators.mode[row], actuators.damping[row] = _DAMPING, 0.0
+            actuators.mode[row], actuators.damping[row] = Mode.DAMPING, 0.0
             actuators.powered[row] = True
-            self._heard[row], self._first_command[row] = self.now_ns, _NEVER
+            self._heard[row], self._first_command[row] = self.now_ns, NEVER
         elif after is State.QUICK_STOP_ACTIVE:
             a = actuators
             self._stopped[row] = self.now_ns
             # It damps about the load that it carried: gravity or a tool's contact must not take the joint along meanwhile.
-            a.mode[row], a.damping[row] = _IMPEDANCE, self._description.quick_stop_damping[row]
+            a.mode[row], a.damping[row] = Mode.IMPEDANCE, self._quick_stop_damping[row]
             a.torque[row], a.stiffness[row], a.velocity[row] = a.measured_torque[row], 0.0, 0.0
         else:
             actuators.powered[row] = False
@@ -176,98 +151,13 @@ class DriveNodes:
             # Until the drive is enabled anew, the host can read why it stopped.
             self.error[row] = DriveError.NONE
 
-    def _stop_left_alone(self) -> None:
-        """Of two drives that move their joints together, none does anything alone: where one is off, the other faults."""
-        powered = self.actuators.powered
-        for pitch, roll, _ in self.actuators.pairs:
-            if powered[pitch] != powered[roll]:
-                left = pitch if powered[pitch] else roll
-                if not self.brakes[left]:
-                    self.fail(left, DriveError.INTERNAL)
-
     def step(self, position: np.ndarray, velocity: np.ndarray, firmware_cycles: int) -> np.ndarray:
         """Go on by 1 ms for joints at `position` rad and `velocity` rad/s (n,). Returns the springs' torque N·m (n,).
 
         The array is the actuators' own, overwritten by the next step.
         """
         actuators = self.actuators
-        if _live(
-            self.now_ns, self.state, self.error, self._heard, self._interval, self._first_command, self._stopped,
-            self._fast, self.brakes, actuators.powered, actuators.mode, actuators.damping, actuators.torque,
-            actuators.stiffness, actuators.velocity, actuators.smooth, self._description.quick_stop_damping,
-            actuators.measured_velocity, self._overspeed, actuators.measured_torque, actuators.current, self._heat,
-            self.temperature, self.temperature_warning, self.temperature_limit, actuators.derating, self.bus_voltage,
-            actuators.limited, self.flags,
-        ):  # fmt: skip
+        if kernel.step(self.now_ns, firmware_cycles, position, velocity, self._memory, actuators.memory):
             self.brakes_moved = True
-        self._stop_left_alone()
-        torque = actuators.step(position, velocity, firmware_cycles)
         self.now_ns += STEP_NS
-        return torque
-
-
-@njit(cache=True)
-def _take(  # type: ignore[no-untyped-def]
-    now, addressed, cycles, default_cycles, period, given, given_mode, taken, mode, state, heard, interval, first_command,
-):  # fmt: skip
-    """Copy set-points to the drives that are addressed and enabled, and feed their watchdogs."""
-    for j in range(state.shape[0]):
-        if not addressed[j] or state[j] != _ENABLED:
-            continue
-        for field in range(5):
-            taken[field][j] = given[field][j]
-        mode[j] = given_mode[j]
-        heard[j] = now
-        interval[j] = (cycles[j] if cycles[j] > 0 else default_cycles[j]) * period
-        if first_command[j] == _NEVER:
-            first_command[j] = now
-
-
-@njit(cache=True)
-def _live(  # type: ignore[no-untyped-def]
-    now, state, error, heard, interval, first_command, stopped, fast, brakes, powered, mode, damping, goal, stiffness,
-    goal_velocity, smooth, quick_stop_damping, velocity, overspeed, torque, current, heat, temperature, warm, hot, derating,
-    voltage, limited, flags,
-):  # fmt: skip
-    """What every drive does by itself in a millisecond; writes the arrays. True when a brake opened or closed."""
-    moved = False
-    for j in range(state.shape[0]):
-        excess = AMBIENT + heat[j] * current[j] ** 2 - temperature[j]
-        temperature[j] += STEP_NS * 1e-9 / _THERMAL_TIME_CONSTANT * excess
-        flags[j] = _INTERNAL_LIMIT if limited[j] and powered[j] else 0
-        derating[j] = 1.0
-        if temperature[j] > warm[j]:
-            flags[j] |= _WARNING
-            derating[j] = max((hot[j] - temperature[j]) / (hot[j] - warm[j]), _LEAST_DERATING)
-        if abs(velocity[j]) <= overspeed[j]:
-            fast[j] = _NEVER
-        elif fast[j] == _NEVER:
-            fast[j] = now
-        tripped = 0
-        if state[j] == _ENABLED:
-            if temperature[j] > hot[j]:
-                tripped = _OVERTEMPERATURE
-            elif fast[j] != _NEVER and now - fast[j] >= _OVERSPEED_NS:
-                tripped = _OVERSPEED
-        if voltage[j] < UNDERVOLTAGE and state[j] != _FAULT:
-            tripped = _UNDERVOLTAGE
-        if tripped:
-            state[j], error[j], powered[j] = _FAULT, tripped, False
-            moved = moved or not brakes[j]
-            brakes[j] = True
-        if state[j] == _ENABLED:
-            if now - heard[j] > interval[j]:
-                state[j], error[j] = _QUICK_STOP, _WATCHDOG
-                mode[j], damping[j] = _IMPEDANCE, quick_stop_damping[j]
-                goal[j], stiffness[j], goal_velocity[j] = torque[j], 0.0, 0.0
-                stopped[j] = now
-            elif brakes[j] and first_command[j] != _NEVER and now - first_command[j] >= BRAKE_RELEASE_NS:
-                brakes[j] = False
-                moved = True
-        elif state[j] == _QUICK_STOP and powered[j] and now - stopped[j] >= QUICK_STOP_NS:
-            powered[j] = False
-            moved = moved or not brakes[j]
-            brakes[j] = True
-        # A stop acts at once, and behind a closed brake nothing can jump.
-        smooth[j] = state[j] == _ENABLED and not brakes[j]
-    return moved
+        return actuators.spring_torque

@@ -32,7 +32,7 @@ class ParallelTransmission:
     def __init__(self, pair: ParallelPair, *, pitch_first: bool = True):
         """`pitch_first`: the pitch axis is the one nearer to the fixed side."""
         self.pair = pair
-        self.rods = np.zeros(_COLUMNS)
+        self.rods = np.zeros(ROD_COLUMNS)
         """what the kernel needs: both fixed ends, both moving ends, order of the axes, 1 / arm"""
         self.rods[_FIXED : _FIXED + 6] = np.ravel(pair.fixed_ends)
         self.rods[_MOVING : _MOVING + 6] = np.ravel(pair.moving_ends)
@@ -125,7 +125,7 @@ def transmissions_of(description: RobotDescription) -> tuple[ParallelTransmissio
     return tuple(found)
 
 
-_FIXED, _MOVING, _PITCH_FIRST, _PER_ARM, _COLUMNS = 0, 6, 12, 13, 14
+_FIXED, _MOVING, _PITCH_FIRST, _PER_ARM, ROD_COLUMNS = 0, 6, 12, 13, 14
 
 
 @njit(cache=True)

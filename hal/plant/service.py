@@ -5,7 +5,8 @@ standing. Where neither has come for 0.5 s of wall time the world runs free, at 
 would on a robot; the next Sync or HoldTime ends that. Before the first Sync time stands at zero, whenever the host starts.
 
 ``wall``: the world steps every millisecond by absolute deadlines, and frames are answered after the step before which they
-came. An overrun skips whole steps and keeps phase: simulated time then lags.
+came; on a bus that keeps bit timing they are answered when they have come, else each answer would be a cycle late. An overrun
+skips whole steps and keeps phase: simulated time then lags.
 """
 
 from __future__ import annotations
@@ -139,7 +140,9 @@ class Service:
         while not self._stopping:
             while self.hub.careful and (now := time.monotonic_ns()) < deadline - 2 * _BUS_TURN_NS:
                 sleep_until(now + _BUS_TURN_NS)
-                self._hear(self.hub.poll(0.0))
+                if len(records := self.hub.poll(0.0)):
+                    self._hear(records)
+                    self._advance(0)  # a drive answers when it hears, with what it measured last
             sleep_until(deadline)
             self._hear(self.hub.poll(0.0))
             self._advance(1)

@@ -103,3 +103,24 @@ def test_a_file_of_faults_begins_with_the_hosts_first_sync(daemon, bus, plant):
     plant.wait(0.2)
     with pytest.raises(RefusedError, match="the drive of elbow_joint does not enable: no answer"):
         daemon.call(m.Enable())
+
+
+@pytest.mark.handrail(bus_timing=True, clock="wall")
+def test_on_the_wall_clock_drives_answer_when_they_hear_and_not_a_cycle_late_on_a_bus_with_timing(robot):
+    before = robot.daemon.call(m.GetStatus()).loop
+    assert robot.move("elbow_joint", 0.2, 0.6) == "done"
+    after = robot.daemon.call(m.GetStatus()).loop
+    answers = (after.cycles - before.cycles) * len(robot.description.joints)
+    # Where they wait for the plant's next step it is more than half of them.
+    assert (after.stale_replies - before.stale_replies) / answers < 0.35
+
+
+@pytest.mark.handrail(robot="talos_upper", bus_timing=True)
+def test_a_bus_with_timing_carries_the_whole_of_a_robot_every_cycle(robot):
+    mark, before = robot.bus.mark, robot.daemon.call(m.GetStatus()).loop
+    assert robot.move("arm_right_4_joint", -0.3, 0.5) == "done"
+    traffic, after = robot.bus.traffic(mark), robot.daemon.call(m.GetStatus()).loop
+    traffic.assert_commanded_every_cycle("*")
+    traffic.assert_answered("*")
+    assert (after.stale_replies, after.crc_errors) == (before.stale_replies, before.crc_errors)
+    assert 0.6 < max(bus.load for bus in robot.daemon.call(m.GetStatus()).buses) < 0.75

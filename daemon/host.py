@@ -93,8 +93,8 @@ def children(
         processes.append(Child("link", (*python, "handrail.link.gate", *place, "--port", str(port))))
     if camera and simulated and description.cameras:
         # Last, and nobody waits for it: it looks at a plant that may come and go.
-        what = ("--scene", _checked_scene(scene), "--robot", robot)
-        processes.append(Child("camera", (*python, "hal.plant.camera", *what, *place), after=("plant",)))
+        what = ("--scene", _checked_scene(scene), *robot_and_clock)
+        processes.append(Child("camera", (*python, "hal.plant.camera", *what), after=("plant",)))
     return processes
 
 

@@ -1,6 +1,6 @@
 """A simulated robot's depth cameras, as a process of their own.
 
-    python -m hal.plant.camera --robot talos_upper --scene valve --runtime DIR
+    python -m hal.plant.camera --robot talos_upper --scene valve --clock lockstep|wall --runtime DIR
 
 They look at the ground truth (`plant.truth`), as light does, and publish clouds of what they see on `sensors.events`; nobody waits
 for them. A camera of 2 Hz takes a picture at every half second of the robot's clock; where that clock outruns the pictures, as in
@@ -23,8 +23,10 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from hal.plant import scene
@@ -148,7 +150,11 @@ class Shutter:
 class Service:
     """Takes pictures of the latest truth until `stop` is called (from a signal handler, say)."""
 
-    def __init__(self, cameras: list[DepthCamera], truth: Subscriber, sensors: Publisher):
+    def __init__(
+        self, cameras: list[DepthCamera], truth: Subscriber, sensors: Publisher, clock: Callable[[], int] | None = None
+    ):
+        """clock: the robot's, ns, where that is not the plant's own time: on the wall clock it is the daemon's."""
+        self._clock = clock
         self._cameras = [(camera, Shutter(camera.camera.rate)) for camera in cameras]
         self._truth, self._sensors = truth, sensors
         self._over = threading.Event()
@@ -165,9 +171,10 @@ class Service:
                 latest = newer
             began = time.process_time()  # not the wall's: who waits for a core has rested
             if latest is not None:
+                heard_ns = latest.time_ns if self._clock is None else self._clock()
                 for camera, shutter in self._cameras:
                     if shutter.opens(latest.time_ns):
-                        self._sensors.send(camera.take(latest))
+                        self._sensors.send(msgspec.structs.replace(camera.take(latest), time_ns=heard_ns))
             self._over.wait(min(max(_LOOK_S, _REST * (time.process_time() - began)), _LONGEST_REST_S))
 
 
@@ -187,11 +194,17 @@ def main() -> None:
     )
     parser.add_argument("--robot", required=True, help="robot's name or folder, e.g. talos_upper")
     parser.add_argument("--scene", required=True, help="scene's name or YAML file, e.g. valve")
+    parser.add_argument(
+        "--clock", choices=("lockstep", "wall"), default="lockstep", help="as the plant's and the daemon's"
+    )
     parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
     options = parser.parse_args()
     with own_stdout() as stdout, contextlib.ExitStack() as open_things:
         try:
-            _stand_back()
+            if options.clock == "lockstep":
+                # There plant and loop run as ordinary programs; on the wall clock they go before everybody by themselves, and
+                # a camera that stood back would stop for seconds on a busy computer.
+                _stand_back()
             robot = description.load(options.robot)
             if not robot.cameras:
                 raise ValueError(f"{robot.name} has no cameras; expected `cameras:` in its robot.yaml")
@@ -202,7 +215,8 @@ def main() -> None:
             sys.exit(f"camera: {error}")
         truth = open_things.enter_context(contextlib.closing(Subscriber(runtime.endpoint("plant.truth"), GroundTruth)))
         sensors = open_things.enter_context(contextlib.closing(Publisher(runtime.endpoint("sensors.events"))))
-        service = Service(cameras, truth, sensors)
+        # On the wall clock the daemon counts as the computer does, the plant from its own start.
+        service = Service(cameras, truth, sensors, time.monotonic_ns if options.clock == "wall" else None)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: service.stop())
         print("camera ready", file=stdout, flush=True)

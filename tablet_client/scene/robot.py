@@ -34,7 +34,7 @@ class DrawnRobot:
     """arm → the link at its tool's contact point"""
     arm_joints: dict[str, tuple[str, ...]]
     floor: float
-    """m, height of the lowest point that does not move"""
+    """m, height of the floor, or where the description has none of the lowest point that does not move"""
 
 
 def load(description: RobotDescription, cache: Path, progress: Progress | None = None) -> DrawnRobot:
@@ -53,13 +53,14 @@ def load(description: RobotDescription, cache: Path, progress: Progress | None =
         mesh = _mesh(visual.geometry, cache).painted(_color(visual.material, named))
         parts[frame.body].append(mesh.transformed(frame.pose_in_body @ origin))
     meshes = tuple(merged(part) for part in parts)
+    lowest = float(meshes[0].vertices[:, 2].min()) if len(meshes[0].vertices) else 0.0
     return DrawnRobot(
         name=description.name,
         chain=chain,
         meshes=meshes,
         tips={name: arm.tip for name, arm in description.arms.items() if arm.tip in chain.frames},
         arm_joints={name: arm.joints for name, arm in description.arms.items()},
-        floor=float(meshes[0].vertices[:, 2].min()) if len(meshes[0].vertices) else 0.0,
+        floor=lowest if description.floor is None else description.floor,
     )
 
 

@@ -64,7 +64,7 @@ def test_a_simulated_robot_gets_plant_loop_server_engine_link_and_camera_in_this
         "server": f"-m daemon.server --robot talos_upper --clock lockstep {where}",
         "engine": f"-m engines.engine --robot talos_upper {where}",
         "link": f"-m handrail.link.gate {where} --port 47800",
-        "camera": f"-m hal.plant.camera --scene valve --robot talos_upper {where}",
+        "camera": f"-m hal.plant.camera --scene valve --robot talos_upper --clock lockstep {where}",
     }
     assert next(child for child in made if child.name == "loop").bound_to == ("plant",)
 

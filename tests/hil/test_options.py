@@ -59,7 +59,7 @@ def test_on_the_wall_clock_the_robots_time_is_everybodys(robot):
     time.sleep(0.3)
     passed = (robot.plant.time_ns - began) * 1e-9
     # A machine that is too busy may skip steps; in lock-step it would be several times as fast.
-    assert 0.5 < passed / (time.monotonic() - wall) < 1.1
+    assert 0.05 < passed / (time.monotonic() - wall) < 1.1
     assert robot.position("elbow_joint") == pytest.approx(robot.description.home_position()[1] + 0.2, abs=0.01)
 
 

@@ -19,7 +19,7 @@ import pytest
 
 from benchmarks.camera import from_the_wheels_surface
 from hal.plant import scene
-from hal.plant.camera import DepthCamera, Shutter
+from hal.plant.camera import DepthCamera, Service, Shutter
 from hal.plant.likeness import Likeness
 from hal.plant.scene import Scene
 from handrail import cloud
@@ -172,6 +172,33 @@ def test_a_picture_is_due_once_in_every_period_of_the_robots_clock_however_that_
     assert not shutter.opens(7_980_000_000) and shutter.opens(8_000_000_000)
     assert shutter.opens(20_000_000), "the plant began anew"
     assert not shutter.opens(40_000_000)
+
+
+@pytest.mark.parametrize(("clock", "stamp"), [(None, 40_000_000), (lambda: 26_000_000_000_000, 26_000_000_000_000)])
+def test_a_picture_has_the_robots_time_where_that_is_not_the_plants(robot, valve, clock, stamp):
+    # On the wall clock the daemon's time is the computer's: by the plant's a picture would be hours old.
+    class Blank:
+        camera = robot.cameras[0]
+
+        def take(self, seen: GroundTruth) -> PointCloud:
+            return cloud.pack("head", seen.time_ns, np.zeros((1, 3)), np.zeros((1, 3), np.uint8), (0.0, 0.0, 0.0))
+
+    class Truth:
+        def receive(self, wait_s: float) -> GroundTruth:
+            return truth(robot, valve, 20_000_000)
+
+        def drain(self) -> list[GroundTruth]:
+            return [truth(robot, valve, 40_000_000)]
+
+    class Sensors:
+        def send(self, picture: PointCloud) -> None:
+            service.stop()
+            sent.append(picture)
+
+    sent: list[PointCloud] = []
+    service = Service([Blank()], Truth(), Sensors(), clock)
+    service.run()
+    assert [picture.time_ns for picture in sent] == [stamp]
 
 
 @pytest.fixture

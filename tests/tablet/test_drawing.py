@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
@@ -71,6 +73,13 @@ def test_every_body_of_the_robot_has_something_to_draw(drawn):
     assert all(len(mesh.faces) for mesh in drawn.meshes)
     assert drawn.floor < -0.9, "the feet are a leg's length below the pelvis"
     assert set(drawn.tips) == {"left", "right"}
+
+
+def test_the_floor_is_where_the_description_has_it_and_else_below_what_does_not_move(mesh_folder):
+    bench = description.load("sea_bench")
+    assert robot.load(bench, mesh_folder).floor == pytest.approx(-0.75)  # the stand's plate
+    assert robot.load(dataclasses.replace(bench, floor=-1.2), mesh_folder).floor == -1.2
+    assert description.load("talos").floor == pytest.approx(-1.035), "where its soles are, not its pelvis"
 
 
 def test_meshes_are_prepared_once(drawn, talos, mesh_folder):

@@ -11,14 +11,15 @@ from handrail.robot.description import RobotDescription
 _SILENT_CYCLES = 10
 """without an answer, after which people are shown `unknown`; the loop goes on until hal.hardware.LOST_AFTER"""
 
+_STATES = {state.value: state.name.lower() for state in State}
 _ERRORS = {error.value: error.name.lower() for error in DriveError}
 
 
 def drive_states(snapshot: np.ndarray | np.void) -> list[str]:
     """Each drive's CiA 402 state in words; `unknown` for one that does not answer."""
-    states = decode_statusword(snapshot["status"])
-    silent = snapshot["age"] > _SILENT_CYCLES
-    return ["unknown" if quiet else State(int(state)).name.lower() for state, quiet in zip(states, silent, strict=True)]
+    states = decode_statusword(snapshot["status"]).tolist()
+    silent = (snapshot["age"] > _SILENT_CYCLES).tolist()
+    return ["unknown" if quiet else _STATES[state] for state, quiet in zip(states, silent, strict=True)]
 
 
 def drive_statuses(snapshot: np.ndarray | None, description: RobotDescription) -> list[DriveStatus]:

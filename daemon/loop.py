@@ -56,7 +56,7 @@ BEAT_S = 0.1
 PRIORITY, CPUS = 80, (1,)
 """under the wall clock: of SCHED_FIFO, above the plant's, and on the other core"""
 BELL_PERIOD_NS = 10_000_000
-"""of robot time, at which the server is woken when nothing else happens"""
+"""of wall time, after which the server is woken when nothing else happens: in lock-step it then finds several states at once"""
 OFF_BY_LIMITS = 0.02
 """rad by which the limits may hold a command back before its action ends"""
 
@@ -183,8 +183,9 @@ class Loop:
         held = self.holds.active()
         numbers = (self.cycles, self.time_ns, self.misses, self.limited, self.work_ns, self.late_ns)
         happened = self.snapshot.publish(self.written, held, *numbers)
-        if happened or self.time_ns - self._rang_ns >= BELL_PERIOD_NS:
-            self._rang_ns = self.time_ns
+        now = time.monotonic_ns()
+        if happened or now - self._rang_ns >= BELL_PERIOD_NS:
+            self._rang_ns = now
             self.server.ring()
 
     # ------------------------------------------------------------------------------------------------- from cycle to cycle

@@ -69,32 +69,29 @@ class Reporter:
         before = int(self.snapshot["time_ns"]) if self.snapshot is not None else -1
         self.alive = True
         self._time(snapshots)
-        ticks = snapshots["time_ns"] // STATE_PERIOD_NS
-        previous = np.concatenate(([before // STATE_PERIOD_NS], ticks[:-1]))
-        new_tick = ticks != previous
-        new_device_tick = new_tick & (ticks % _TICKS_A_DEVICE_STATE == 0) & bool(self._description.devices)
+        tick = before // STATE_PERIOD_NS
         # Only snapshots in which some action changed are looked at one by one.
-        marks = np.stack((snapshots["actions"]["serial"].astype(np.int64), snapshots["actions"]["state"]), axis=-1)
-        told = np.zeros(len(snapshots), bool)
-        told[1:] = (marks[1:] != marks[:-1]).any(axis=(1, 2))
-        told[0] = True
-        for row in np.flatnonzero(new_tick | told):
-            if told[row]:
+        serials, states = snapshots["actions"]["serial"], snapshots["actions"]["state"]
+        told = np.ones(len(snapshots), bool)
+        told[1:] = ((serials[1:] != serials[:-1]) | (states[1:] != states[:-1])).any(axis=1)
+        for row, (time_ns, news) in enumerate(zip(snapshots["time_ns"].tolist(), told.tolist(), strict=True)):
+            if news:
                 yield from self._action_events(snapshots[row])
-            if new_tick[row]:
+            if tick != (tick := time_ns // STATE_PERIOD_NS):
                 yield robot_state(snapshots[row])
-            if new_device_tick[row]:
-                yield device_states(snapshots[row], self._description, self._columns)
+                if self._description.devices and tick % _TICKS_A_DEVICE_STATE == 0:
+                    yield device_states(snapshots[row], self._description, self._columns)
         self.snapshot = snapshots[-1].reshape(())
         newest = snapshots[-1]
         if not self._loads or int(newest["time_ns"]) - self._loads[-1][0] >= _LOAD_WINDOW_NS // 20:
             self._loads.append((int(newest["time_ns"]), newest["busy_ns"].copy()))
 
     def _action_events(self, snapshot: np.void) -> Iterator[ActionEvent]:
-        for number, slot in enumerate(snapshot["actions"]):
-            mark = (int(slot["serial"]), int(slot["state"]))
+        slots = snapshot["actions"]
+        for number, mark in enumerate(zip(slots["serial"].tolist(), slots["state"].tolist(), strict=True)):
             if mark[0] == 0 or mark[1] == ActionState.EMPTY or self._slot_states.get(number) == mark:
                 continue
+            slot = slots[number]
             previous, _ = self._slot_states.get(number, (0, 0))
             self._slot_states[number] = mark
             if previous not in (0, mark[0]) and (unseen := self._journal.find(previous)) is not None:

@@ -89,10 +89,13 @@ class StateRingReader:
         self.missed += first - self._last - 1
         expected = np.arange(first, head + 1)
         index = expected % self._file.count
-        copies = self._slots["record"][index]
+        # As rows of bytes: numpy copies a record's fields one by one.
+        copies = self._rows[index].view(self._slots.dtype)["record"].reshape(len(index))
         whole = self._slots["sequence"][index] == expected
-        self.missed += int(np.count_nonzero(~whole))
         self._last = max(head, self._last)
+        if whole.all():
+            return copies
+        self.missed += int(np.count_nonzero(~whole))
         return copies[whole]
 
     def _attach(self) -> bool:
@@ -103,6 +106,8 @@ class StateRingReader:
             self._mapped = self._file.generation
             assert self._file.memory is not None
             self._words = np.frombuffer(self._file.memory, np.int64, WORDS)
-            self._slots = np.frombuffer(self._file.memory, _slot(self._record), self._file.count, WORDS * 8)
+            slot = _slot(self._record)
+            self._slots = np.frombuffer(self._file.memory, slot, self._file.count, WORDS * 8)
+            self._rows = self._slots.view(np.uint8).reshape(self._file.count, slot.itemsize)
             self._last = max(0, int(self._words[COUNTER]) - 1) if first_ever else 0
         return True

@@ -147,9 +147,9 @@ class DaemonClient:
         subscriber = Subscriber(self._runtime.endpoint("daemon.events"), RobotState | DaemonStatus | ActionEvent)
         try:
             while not self._closing.is_set():
-                # The timeout is only there to notice the closing.
-                message = subscriber.receive(0.2)
-                if message is not None:
+                # The timeout is only there to notice the closing. Of robot states the newest is enough: in lock-step several come
+                # at once.
+                for message in subscriber.newest(0.2):
                     self._take(message)
         finally:
             subscriber.close()

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import zmq
 
-from handrail.messages import Answer, Ok, Refused
+from handrail.messages import Answer, Ok, Refused, spec
 
 _encoder = msgspec.msgpack.Encoder()
 _answers = msgspec.msgpack.Decoder(Answer)
@@ -71,25 +71,55 @@ class Subscriber:
         self.socket = (context or zmq.Context.instance()).socket(zmq.SUB)
         self.socket.setsockopt(zmq.LINGER, 0)
         self.socket.setsockopt(zmq.RCVHWM, queue)
-        for kind in getattr(kinds, "__args__", (kinds,)):
-            # "RobotState" is no prefix of another type's name by chance only: compare whole names in `receive`.
+        wanted = getattr(kinds, "__args__", (kinds,))
+        for kind in wanted:
+            # "RobotState" is no prefix of another type's name by chance only: compare whole names in `_arrived`.
             self.socket.subscribe(kind.__name__)
-        self._names = {kind.__name__.encode() for kind in getattr(kinds, "__args__", (kinds,))}
+        self._names = {kind.__name__.encode() for kind in wanted}
+        self._streams = {kind.__name__.encode() for kind in wanted if spec(kind).superseded_by == ("type",)}
         for endpoint in [endpoints] if isinstance(endpoints, str) else endpoints:
             self.socket.connect(endpoint)
 
     def receive(self, timeout_s: float | None = None) -> Any | None:
         """The next message, or None when none came in time (None waits for ever, 0 does not wait)."""
-        while self.socket.poll(None if timeout_s is None else max(0, round(timeout_s * 1000))):
-            name, payload = self.socket.recv_multipart()
-            if name in self._names:
-                return self._decoder.decode(payload)
-        return None
+        arrived = self._wait(timeout_s)
+        return None if arrived is None else self._decoder.decode(arrived[1])
 
     def drain(self) -> Iterator[Any]:
         """Everything that has arrived."""
-        while (message := self.receive(0)) is not None:
-            yield message
+        while (arrived := self._arrived()) is not None:
+            yield self._decoder.decode(arrived[1])
+
+    def newest(self, timeout_s: float | None = None) -> list[Any]:
+        """Waits for a message, then gives all that have arrived; of a stream that is one per type only its latest value."""
+        arrived: list[tuple[bytes, bytes]] = []
+        message = self._wait(timeout_s)
+        while message is not None:
+            arrived.append(message)
+            message = self._arrived()
+        last = {name: place for place, (name, _) in enumerate(arrived)}
+        return [
+            self._decoder.decode(payload)
+            for place, (name, payload) in enumerate(arrived)
+            if name not in self._streams or place == last[name]
+        ]
+
+    def _wait(self, timeout_s: float | None) -> tuple[bytes, bytes] | None:
+        # A read that finds a message leaves ZeroMQ's own work undone, such as subscribing anew at a publisher that came back.
+        self.socket.getsockopt(zmq.EVENTS)
+        while (arrived := self._arrived()) is None:
+            if not self.socket.poll(None if timeout_s is None else max(0, round(timeout_s * 1000))):
+                return None
+        return arrived
+
+    def _arrived(self) -> tuple[bytes, bytes] | None:
+        """(type name, payload) of a message that has arrived. Reads before it asks: a poll costs more than a read."""
+        with contextlib.suppress(zmq.Again):
+            while True:
+                name, payload = self.socket.recv_multipart(zmq.NOBLOCK)
+                if name in self._names:
+                    return name, payload
+        return None
 
     def close(self) -> None:
         self.socket.close()
@@ -139,13 +169,16 @@ class Service:
 
     def poll(self, timeout_s: float = 0.0) -> int:
         """Handle all calls that have arrived, waiting at most `timeout_s` for the first. Returns how many."""
+        if timeout_s > 0.0:
+            self.socket.poll(round(timeout_s * 1000))
         handled = 0
-        while self.socket.poll(round(timeout_s * 1000)):
-            timeout_s = 0.0
-            identity, *frames = self.socket.recv_multipart()
+        while True:
+            try:
+                identity, *frames = self.socket.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return handled
             self.socket.send_multipart((identity, _encoder.encode(self._answer(frames))))
             handled += 1
-        return handled
 
     def _answer(self, frames: list[bytes]) -> msgspec.Struct:
         if len(frames) != 1:

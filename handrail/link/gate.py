@@ -92,6 +92,8 @@ class Gate:
         self._packer = codec.Packer()
         self._encoder = msgspec.msgpack.Encoder()
         self._latest = LatestValues(_DAEMON_SILENT_S)
+        self._subscribed: set[bytes] = set()
+        """beginnings of the types' names that somebody wants to hear"""
         self._in_flight: dict[bytes, int] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -216,21 +218,27 @@ class Gate:
             events.subscribe(wanted)
         for endpoint in ("daemon.events", "engine.events", "sensors.events"):
             events.connect(self._runtime.endpoint(endpoint))
-        clock = asyncio.get_running_loop().time
+        at_once: zmq.Socket[bytes] = zmq.Socket.shadow(events)
         while True:
-            name, encoded = await events.recv_multipart()
-            kind = codec.REMOTE_EVENTS.get(name.decode("ascii", "replace"))
-            if kind is None:
-                continue
-            if spec(kind).reliable:
-                # What was true before it leaves before it.
-                await self._flush()
-                await self._publish(name, encoded)
-            else:
-                try:
-                    self._latest.put(kind, encoded, clock())
-                except msgspec.DecodeError as problem:
-                    _log.error("an event that is no %s came from inside: %s", name.decode(), problem)
+            await self._take_event(*await events.recv_multipart())
+            # Events come in bursts: waiting for each would cost more than all that is done with it.
+            with contextlib.suppress(zmq.Again):
+                while True:
+                    await self._take_event(*at_once.recv_multipart(zmq.NOBLOCK))
+
+    async def _take_event(self, name: bytes, encoded: bytes) -> None:
+        kind = codec.REMOTE_EVENTS.get(name.decode("ascii", "replace"))
+        if kind is None:
+            return
+        if spec(kind).reliable:
+            # What was true before it leaves before it.
+            await self._flush()
+            await self._publish(name, encoded)
+        else:
+            try:
+                self._latest.put(kind, encoded, asyncio.get_running_loop().time())
+            except msgspec.DecodeError as problem:
+                _log.error("an event that is no %s came from inside: %s", name.decode(), problem)
 
     async def _send_latest(self) -> None:
         while True:
@@ -243,15 +251,19 @@ class Gate:
             await self._publish(name, encoded)
 
     async def _publish(self, name: bytes, encoded: bytes) -> None:
+        if not any(name.startswith(topic) for topic in self._subscribed):
+            return  # packing costs more than sending
         await self._events_out.send_multipart((name, self._packer.pack_encoded(encoded)))
 
     async def _take_subscriptions(self) -> None:
         clock = asyncio.get_running_loop().time
         while True:
             message = await self._events_out.recv()
-            if message[:1] != b"\x01":
-                continue
             topic = message[1:]
+            if message[:1] != b"\x01":
+                self._subscribed.discard(topic)  # told of the last one's only
+                continue
+            self._subscribed.add(topic)
             if topic.startswith(codec.SYNC):
                 await self._events_out.send_multipart((topic, b""))
             else:

@@ -115,3 +115,25 @@ def test_a_subscriber_gets_only_the_types_it_asked_for(context):
     assert {type(message) for message in subscriber.drain()} == {messages.PromptClosed}
     subscriber.close()
     publisher.close()
+
+
+def test_a_busy_subscriber_is_given_every_event_but_of_a_stream_only_its_newest_value(context):
+    publisher = Publisher("inproc://newest", context=context)
+    subscriber = Subscriber("inproc://newest", messages.RobotState | messages.ActionEvent, context=context)
+
+    def state(cycle):
+        return messages.RobotState(time_ns=cycle, cycle=cycle, position=[], velocity=[], torque=[], command=[])
+
+    while not subscriber.newest(0.005):  # a subscription takes a moment to arrive
+        publisher.send(state(0))
+    list(subscriber.drain())
+    for cycle in range(1, 6):
+        publisher.send(state(cycle))
+        publisher.send(messages.ActionEvent(id=f"a{cycle}", state="running", time_ns=cycle, cycle=cycle))
+    assert subscriber.socket.poll(2000)
+    heard = subscriber.newest(0.0)
+    assert [event.id for event in heard if isinstance(event, messages.ActionEvent)] == ["a1", "a2", "a3", "a4", "a5"]
+    assert [event.cycle for event in heard if isinstance(event, messages.RobotState)] == [5]
+    assert subscriber.newest(0.0) == []
+    subscriber.close()
+    publisher.close()

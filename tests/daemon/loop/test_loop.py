@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
+from daemon.loop import BELL_PERIOD_NS
 from daemon.safety.stop_socket import StopSocket
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
@@ -306,3 +307,20 @@ def test_a_loop_that_ends_quick_stops_the_drives(bench) -> None:
     bench.enable()
     bench.loop.close()
     assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+
+
+def test_the_server_is_woken_at_once_by_news_and_else_now_and_then_however_fast_simulated_time_goes(
+    bench, monkeypatch
+) -> None:
+    bench.enable()
+    rings: list[int] = []
+
+    monkeypatch.setattr(bench.loop.server, "ring", lambda: rings.append(bench.loop.cycles))
+    began = time.monotonic()
+    bench.run(100)
+    assert len(rings) <= (time.monotonic() - began) * 1e9 / BELL_PERIOD_NS + 1
+    time.sleep(BELL_PERIOD_NS * 1e-9)
+    bench.run()
+    assert rings[-1] == bench.loop.cycles
+    bench.ask(Kind.HOLD_TIME, owner=1, value=5.0)
+    assert rings[-1] == bench.loop.cycles

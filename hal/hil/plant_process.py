@@ -53,7 +53,7 @@ class WatchedWorld(World):
         self._peaks: dict[str, float] = dict(self.contact_force)
         self._transitions: list[Transition] = []
 
-    def step(self) -> None:
+    def step(self, *, felt: bool = True) -> None:
         for due, fault in [entry for entry in self._faults if entry[0] <= self.time_ns]:
             self._faults.remove((due, fault))
             for joint in fault.joints:
@@ -62,7 +62,7 @@ class WatchedWorld(World):
             if self.time_ns < until:
                 middle = p.getLinkState(self._robot, link, physicsClientId=self._client)[0]
                 p.applyExternalForce(self._robot, link, push, middle, p.WORLD_FRAME, physicsClientId=self._client)
-        super().step()
+        super().step(felt=felt)
         speed = np.abs(self.velocity)
         np.minimum(self._lowest, self.position, out=self._lowest)
         np.maximum(self._highest, self.position, out=self._highest)

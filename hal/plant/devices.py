@@ -6,7 +6,7 @@ brings its firmware as a process on the bus.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from hal.device import DeviceState
 from hal.drives.lifecycle import DriveError, State
 from hal.plant.hands import Gripper
 from hal.plant.power import Battery
-from hal.plant.robot_body import RobotBody
+from hal.plant.robot_body import BASE, JointState, RobotBody, motion_of
 from hal.plant.sensors import ForceTorque, Imu
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ class DevicePlant:
         self._wrists: dict[int, ForceTorque] = {}
         self._drives = drives
         self._velocity, self._clock = velocity, clock
-        self._powered = self._had_power = True
+        self._powered = self._had_power = self._sensing = True
+        self._body = body
         for row, device in enumerate(self.devices):
             match device.family:
                 case "imu":
@@ -55,6 +56,16 @@ class DevicePlant:
                 case "power":
                     self.batteries[row] = Battery()
 
+        joints = {row: wrist.carrier for row, wrist in self._wrists.items()}
+        joints |= {row: body.joints[gripper.joint] for row, gripper in self.grippers.items()}
+        self._at = {row: place for place, row in enumerate(joints)}
+        self.joints = tuple(joints.values())
+        """PyBullet's joints whose states the devices want to know"""
+        self.joint_states: Sequence[JointState] = body.joint_states(self.joints) if joints else ()
+        """of `joints`, now: whoever steps the world writes it"""
+        links = {imu.carrier for imu in self._imus.values()} - {BASE}
+        self._links = sorted(links.union(*(wrist.links for wrist in self._wrists.values())))
+
     @property
     def powered(self) -> bool:
         """The drives have power."""
@@ -65,21 +76,31 @@ class DevicePlant:
         for battery in self.batteries.values():
             self._drives.bus_voltage[:] = battery.voltage if self._powered else 0.0
 
+    def sense(self, on: bool) -> None:
+        """Let the joints' forces be worked out in the steps to come, or not: nobody measures after those."""
+        if on != self._sensing:
+            self._sensing = on
+            for wrist in self._wrists.values():
+                wrist.sense(on)
+
     def measure(self, due: npt.NDArray[np.bool_] | None = None) -> DeviceState:
         """Measure everything, as the world stands now; batteries only where `due` (d,), if given. Returns `state`."""
         state, time_ns = self.state, self._clock()
-        actuators = self._drives.actuators
+        values, joints = state.values, self.joint_states
+        links = self._body.link_states(self._links) if self._links else {}
         for row, imu in self._imus.items():
-            imu.measure(time_ns, state.values[row])
+            base = imu.carrier == BASE
+            imu.measure(self._body.link_motion(BASE) if base else motion_of(links[imu.carrier]), time_ns, values[row])
         for row, wrist in self._wrists.items():
-            wrist.measure(time_ns, state.values[row])
+            wrist.measure(joints[self._at[row]], links, time_ns, values[row])
         for row, gripper in self.grippers.items():
-            gripper.measure(time_ns, state.values[row])
+            gripper.measure(joints[self._at[row]], time_ns, values[row])
+        actuators = self._drives.actuators
         for row, battery in self.batteries.items():
             if due is not None and not due[row]:
                 continue  # its charge falls over hours: what passed since it was last asked is enough
             battery.draw(time_ns, float(actuators.spring_torque @ self._velocity), actuators.current)
-            battery.measure(state.values[row])
+            battery.measure(values[row])
             self._look_at_power()
         state.measured_ns[:] = time_ns
         state.age[:] = 0

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
+from hal.drives.borrowing import borrowed
 from hal.plant.bullet import pybullet as p
-from hal.plant.robot_body import RobotBody, Vector
+from hal.plant.robot_body import JointState, LinkState, Motion, RobotBody, Vector
 from hal.plant.scene import quaternion
 
 GRAVITY = 9.81
 """m/s², along the world's −z"""
 
-# Vectors of three, several times a cycle: PyBullet's own functions on tuples cost a tenth of numpy's.
+# Vectors of three, several times a cycle: plain numbers, since numpy costs ten times as much, and compiled code where it is
+# done in every cycle.
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
@@ -31,29 +34,60 @@ class Imu:
     """
 
     def __init__(self, body: RobotBody, link: str):
-        self._body = body
-        self._carrier, offset, turn = body.frame(link)
-        self._frame = tuple(offset.tolist()), quaternion(turn)
-        self._velocity: Vector = (0.0, 0.0, 0.0)
-        self._acceleration: Vector = (0.0, 0.0, 0.0)
+        self.carrier, offset, turn = body.frame(link)
+        """PyBullet's link that carries it"""
+        self._memory = np.zeros(13)
+        self._memory[:3], self._memory[3:7] = offset, quaternion(turn)
         self._time_ns = -1
 
-    def measure(self, time_ns: int, values: npt.NDArray[np.float64]) -> None:
-        """Write hal.device's imu columns."""
-        centre, position, orientation, velocity, spin = self._body.link_motion(self._carrier)
-        (x, y, z), here = p.multiplyTransforms(position, orientation, *self._frame)
-        lever = _cross(spin, (x - centre[0], y - centre[1], z - centre[2]))
-        velocity = (velocity[0] + lever[0], velocity[1] + lever[1], velocity[2] + lever[2])
-        passed = (time_ns - self._time_ns) * 1e-9
-        if self._time_ns >= 0 and passed > 0.0:
-            vx, vy, vz = self._velocity
-            self._acceleration = ((velocity[0] - vx) / passed, (velocity[1] - vy) / passed, (velocity[2] - vz) / passed)
-        self._velocity, self._time_ns = velocity, time_ns
-        ax, ay, az = self._acceleration
-        into_sensor = _inverse(here)
-        values[0:4] = here if here[3] >= 0.0 else tuple(-component for component in here)
-        values[4:7] = p.rotateVector(into_sensor, spin)
-        values[7:10] = p.rotateVector(into_sensor, (ax, ay, az + GRAVITY))
+    def measure(self, motion: Motion, time_ns: int, values: npt.NDArray[np.float64]) -> None:
+        """Write hal.device's imu columns, for the carrier's `motion`."""
+        passed = (time_ns - self._time_ns) * 1e-9 if self._time_ns >= 0 else 0.0
+        self._time_ns = time_ns
+        _feel(motion, passed, self._memory, values)
+
+
+@njit(cache=True)
+def _turned(q, v):  # type: ignore[no-untyped-def]
+    """A vector after the rotation q (x, y, z, w): v + 2 (w t + u × t), with u the rotation's vector and t = u × v."""
+    x, y, z, w = q
+    a, b, c = y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+    return (
+        v[0] + 2.0 * (w * a + y * c - z * b),
+        v[1] + 2.0 * (w * b + z * a - x * c),
+        v[2] + 2.0 * (w * c + x * b - y * a),
+    )
+
+
+@njit(cache=True)
+def _feel(motion, passed, memory, values):  # type: ignore[no-untyped-def]
+    """An IMU's columns. memory (13,): its place and orientation on the carrier, and its velocity and acceleration of last time."""
+    memory, values = borrowed(memory), borrowed(values)
+    centre, position, (x, y, z, w), velocity, spin = motion
+    offset = _turned((x, y, z, w), (memory[0], memory[1], memory[2]))
+    i, j, k, m = memory[3], memory[4], memory[5], memory[6]
+    qx, qy, qz = w * i + x * m + y * k - z * j, w * j + y * m + z * i - x * k, w * k + z * m + x * j - y * i
+    qw = w * m - x * i - y * j - z * k
+    lx, ly, lz = (
+        position[0] + offset[0] - centre[0],
+        position[1] + offset[1] - centre[1],
+        position[2] + offset[2] - centre[2],
+    )
+    vx = velocity[0] + spin[1] * lz - spin[2] * ly
+    vy = velocity[1] + spin[2] * lx - spin[0] * lz
+    vz = velocity[2] + spin[0] * ly - spin[1] * lx
+    if passed > 0.0:
+        memory[10], memory[11], memory[12] = (
+            (vx - memory[7]) / passed,
+            (vy - memory[8]) / passed,
+            (vz - memory[9]) / passed,
+        )
+    memory[7], memory[8], memory[9] = vx, vy, vz
+    sign = 1.0 if qw >= 0.0 else -1.0
+    values[0], values[1], values[2], values[3] = sign * qx, sign * qy, sign * qz, sign * qw
+    into_sensor = (-qx, -qy, -qz, qw)
+    values[4], values[5], values[6] = _turned(into_sensor, spin)
+    values[7], values[8], values[9] = _turned(into_sensor, (memory[10], memory[11], memory[12] + GRAVITY))
 
 
 class ForceTorque:
@@ -69,38 +103,62 @@ class ForceTorque:
         carrier, at, axes = body.frame(link)
         if carrier < 0 or not (np.allclose(at, 0.0) and np.allclose(axes, np.eye(3))):
             raise ValueError(f"force-torque sensor on {link}: expected a link that a joint carries")
-        self._body, self._link = body, carrier
+        self._body = body
+        self.carrier = carrier
+        """PyBullet's number of the link, and of the joint"""
         beyond = body.beyond(carrier)
         gripped = {body.joints[joint] for joint in body.description.device_limits}
         self._mechanism = Mechanism(body, beyond) if gripped & set(beyond) else None
+        self.links = self._mechanism.links if self._mechanism else []
+        """PyBullet's links whose states it wants to know"""
         # PyBullet answers in the inertial frame of the link beyond the cut: what carries it exerts on it.
         centre, turn = body.inertial(carrier)
-        self._centre, self._turn = tuple(centre.tolist()), quaternion(turn)
-        if self._mechanism is None:
-            p.enableJointForceTorqueSensor(body.number, carrier, True, physicsClientId=body.client)
+        self._place = np.array([*centre, *quaternion(turn)])
+        self.sense(True)
 
-    def measure(self, time_ns: int, values: npt.NDArray[np.float64]) -> None:
-        """Write hal.device's force_torque columns."""
-        if self._mechanism is not None:
-            force, torque = self._mechanism.wrench(time_ns)
-            _, here, orientation, _, _ = self._body.link_motion(self._link)
-            mx, my, mz = _cross(here, force)
-            into_sensor = _inverse(orientation)
-            values[0:3] = p.rotateVector(into_sensor, force)
-            values[3:6] = p.rotateVector(into_sensor, (torque[0] - mx, torque[1] - my, torque[2] - mz))
-            return
-        wrench = p.getJointState(self._body.number, self._link, physicsClientId=self._body.client)[2]
-        fx, fy, fz = p.rotateVector(self._turn, wrench[:3])
-        tx, ty, tz = p.rotateVector(self._turn, wrench[3:])
-        mx, my, mz = _cross(self._centre, (fx, fy, fz))
-        values[0:6] = -fx, -fy, -fz, -tx - mx, -ty - my, -tz - mz
+    def sense(self, on: bool) -> None:
+        """Let PyBullet work out what the joint transmits in the steps to come, or not: it makes them a fifth longer."""
+        if self._mechanism is None:
+            p.enableJointForceTorqueSensor(self._body.number, self.carrier, on, physicsClientId=self._body.client)
+
+    def measure(
+        self, joint: JointState, states: dict[int, LinkState], time_ns: int, values: npt.NDArray[np.float64]
+    ) -> None:
+        """Write hal.device's force_torque columns, for the states of the joint that carries the link and of `links`."""
+        if self._mechanism is None:
+            _carry(joint[2], self._place, values)
+        else:
+            self._measure_mechanism(self._mechanism, states, time_ns, values)
+
+    def _measure_mechanism(
+        self, mechanism: Mechanism, states: dict[int, LinkState], time_ns: int, values: npt.NDArray[np.float64]
+    ) -> None:
+        force, torque = mechanism.wrench(states, time_ns)
+        here, orientation = states[self.carrier][4:6]
+        mx, my, mz = _cross(here, force)
+        into_sensor = _inverse(orientation)
+        values[0:3] = p.rotateVector(into_sensor, force)
+        values[3:6] = p.rotateVector(into_sensor, (torque[0] - mx, torque[1] - my, torque[2] - mz))
+
+
+@njit(cache=True)
+def _carry(wrench, place, values):  # type: ignore[no-untyped-def]
+    """What a joint's reaction on a link, in the link's inertial frame at `place` (7,), means in the link's frame: its opposite."""
+    place, values = borrowed(place), borrowed(values)
+    turn = (place[3], place[4], place[5], place[6])
+    fx, fy, fz = _turned(turn, wrench[:3])
+    tx, ty, tz = _turned(turn, wrench[3:])
+    values[0], values[1], values[2] = -fx, -fy, -fz
+    values[3] = -tx - (place[1] * fz - place[2] * fy)
+    values[4] = -ty - (place[2] * fx - place[0] * fz)
+    values[5] = -tz - (place[0] * fy - place[1] * fx)
 
 
 class Mechanism:
     """Some links of the robot, whose only neighbour is the arm that carries them: momentum and contacts tell what it bears."""
 
     def __init__(self, body: RobotBody, links: list[int]):
-        self._body, self._links = body, links
+        self._body, self.links = body, links
         infos = [p.getDynamicsInfo(body.number, link, physicsClientId=body.client) for link in links]
         self._inertials = [(info[0], info[2]) for info in infos]  # mass, principal moments
         self._weight = GRAVITY * sum(mass for mass, _ in self._inertials)
@@ -108,26 +166,22 @@ class Mechanism:
         self._rate = np.zeros(6)
         self._time_ns = -1
 
-    def wrench(self, time_ns: int) -> tuple[Vector, Vector]:
+    def wrench(self, states: dict[int, LinkState], time_ns: int) -> tuple[Vector, Vector]:
         """Force N and torque N·m about the world's origin, world axes, that the links exert on what carries them.
 
         Acceleration is the mean since the call before.
         """
-        states = p.getLinkStates(
-            self._body.number, self._links, computeLinkVelocity=1, computeForwardKinematics=1,
-            physicsClientId=self._body.client,
-        )  # fmt: skip
-        momentum = np.zeros(6)
-        lever_x = lever_y = 0.0
-        for state, (mass, moments) in zip(states, self._inertials, strict=True):
-            centre, orientation, linear, angular = state[0], state[1], state[6], state[7]
+        px = py = pz = lx = ly = lz = lever_x = lever_y = 0.0
+        for link, (mass, moments) in zip(self.links, self._inertials, strict=True):
+            centre, orientation, _, _, _, _, linear, angular = states[link]
             x, y, z = p.rotateVector(_inverse(orientation), angular)
             spin = p.rotateVector(orientation, (x * moments[0], y * moments[1], z * moments[2]))
             orbit = _cross(centre, linear)
-            momentum[:3] += (mass * linear[0], mass * linear[1], mass * linear[2])
-            momentum[3:] += (mass * orbit[0] + spin[0], mass * orbit[1] + spin[1], mass * orbit[2] + spin[2])
+            px, py, pz = px + mass * linear[0], py + mass * linear[1], pz + mass * linear[2]
+            lx, ly, lz = lx + mass * orbit[0] + spin[0], ly + mass * orbit[1] + spin[1], lz + mass * orbit[2] + spin[2]
             lever_x += GRAVITY * mass * centre[0]
             lever_y += GRAVITY * mass * centre[1]
+        momentum = np.array((px, py, pz, lx, ly, lz))
         passed = (time_ns - self._time_ns) * 1e-9
         if self._time_ns >= 0 and passed > 0.0:
             self._rate = (momentum - self._momentum) / passed
@@ -140,7 +194,7 @@ class Mechanism:
     def _contacts(self) -> npt.NDArray[np.float64]:
         """What others exert on the links, force and torque about the world's origin."""
         total = np.zeros(6)
-        mine = set(self._links)
+        mine = set(self.links)
         for contact in p.getContactPoints(self._body.number, physicsClientId=self._body.client):
             if contact[3] not in mine:
                 continue

@@ -98,8 +98,8 @@ class Service:
         return syncs, holds
 
     def _advance(self, steps: int) -> None:
-        for _ in range(steps):
-            self.world.step()
+        for left in range(steps, 0, -1):
+            self.world.step(felt=left == 1)
             if self._truth is not None and self.world.steps % TRUTH_STEPS == 0:
                 self._truth.send(self.world.truth())
         answers = self._node.answer()

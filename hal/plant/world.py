@@ -71,6 +71,7 @@ class World:
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
         self.drives = DriveNodes(description, Actuators.of(description))
         self.devices = DevicePlant(self.robot, self.drives, self.velocity, lambda: self.time_ns)
+        self._watched = (*self._rows, *self.devices.joints)
         self.drives.actuators.relax(self.position)
         self.drives.actuators.set_position_gains(description.stiffness, self._damping())
         self._braked = np.zeros(len(self.position), np.bool_)
@@ -137,9 +138,10 @@ class World:
         inertia = np.sqrt(np.diag(mass) / np.diag(np.linalg.inv(mass)))
         return 2.0 * self.description.damping_ratio * np.sqrt(self.description.stiffness * inertia)
 
-    def step(self) -> None:
-        """Go on by 1 ms."""
+    def step(self, *, felt: bool = True) -> None:
+        """Go on by 1 ms. felt: the devices can be measured then; without it PyBullet is spared what only they want to know."""
         drives, client = self.drives, self._client
+        self.devices.sense(felt)
         self.devices.work_power()
         torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
         if drives.brakes_moved:
@@ -148,16 +150,21 @@ class World:
             self._robot, self._rows, p.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=client
         )
         p.stepSimulation(physicsClientId=client)
-        states = p.getJointStates(self._robot, self._rows, physicsClientId=client)
-        self.position[:], self.velocity[:], _, _ = zip(*states, strict=True)
+        self._look_at_joints()
         self.steps += 1
         if self.steps % _CONTACT_STEPS == 0:
             self._watch_contacts()
 
+    def _look_at_joints(self) -> None:
+        # All at once: PyBullet puts the whole body's state together each time.
+        states, n = self.robot.joint_states(self._watched), len(self._rows)
+        self.position[:], self.velocity[:], _, _ = zip(*states[:n], strict=True)
+        self.devices.joint_states = states[n:]
+
     def advance(self, steps: int) -> None:
         """Go on by `steps` ms."""
-        for _ in range(steps):
-            self.step()
+        for left in range(steps, 0, -1):
+            self.step(felt=left == 1)
 
     def _work_brakes(self) -> None:
         """Close and open brakes as the drives say: a closed one is a constraint that holds the joint where it closed."""
@@ -190,7 +197,7 @@ class World:
         """Put the joints at `position` rad (n,), at rest, and close the brakes there (for pictures and tests)."""
         for row, angle in zip(self._rows, position, strict=True):
             p.resetJointState(self._robot, row, angle, physicsClientId=self._client)
-        self.position[:], self.velocity[:] = position, 0.0
+        self._look_at_joints()
         self.drives.actuators.relax(self.position)
         self.drives.switch_off()
         self._braked[:] = False

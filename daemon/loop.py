@@ -107,7 +107,7 @@ class Loop:
         self.read_bus()
         if self.lockstep:
             began = time.perf_counter_ns()  # until here it waited for the plant: that is no work
-        self.robot.update(self.written.position, self.written.velocity)
+        self.robot.update(self.written)
         self.orders.serve(self.written, self.time_ns)
         self.life.update()
         self.devices.update()
@@ -259,7 +259,7 @@ def warm_up(kinematics: Kinematics) -> None:
     n = len(kinematics.description.joints)
     limits, state, command = Limits.of(kinematics.description), JointState(n), JointCommand(n)
     robot = RobotState(kinematics, state, limits.period)
-    robot.update(state.position, state.velocity)
+    robot.update(command)
     robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hal.joint import JointState
+from hal.joint import JointCommand, JointState
 from handrail.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -49,16 +49,16 @@ class RobotState:
         self._rows = kinematics.index_v
         self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        self._last = JointCommand(len(joints))
         self._squared_weight = 1.0 / kinematics.description.torque_limit**2
         self._force_gain = 1.0 - np.exp(-2.0 * np.pi * _FORCE_CUTOFF_HZ * period)
         self._measured_fresh = self._commanded_fresh = False
 
-    def update(self, commanded_position: Array, commanded_velocity: Array) -> None:
-        """Take the joints as measured now, and what was commanded in the cycle before, into the model."""
+    def update(self, last: JointCommand) -> None:
+        """Take the joints as measured now into the model. `last`: what was commanded in the cycle before, and frames then tell."""
+        self._last = last
         self._q[self._rows] = self.joints.position
         self._v[self._rows] = self.joints.velocity
-        self._q_command[self._rows] = commanded_position
-        self._v_command[self._rows] = commanded_velocity
         self.gravity[...] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
         self._measured_fresh = self._commanded_fresh = False
 
@@ -125,6 +125,8 @@ class RobotState:
     def _commanded_pass(self) -> pin.Data:
         """Forward kinematics at the commanded joints."""
         if not self._commanded_fresh:
+            self._q_command[self._rows] = self._last.position
+            self._v_command[self._rows] = self._last.velocity
             pin.forwardKinematics(self._model, self._commanded, self._q_command, self._v_command)
             self._commanded_fresh = True
         return self._commanded

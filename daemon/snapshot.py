@@ -123,10 +123,11 @@ class SnapshotWriter:
             if action is None:
                 continue
             mark = (action.serial, action.state)
-            if action.alive or mark != self._written[number]:
+            news = mark != self._written[number]
+            if news or action.alive:
                 self._path_force[number] = action.controller.path_force
                 self._progress[number] = action.controller.clock.s
-            if mark != self._written[number]:
+            if news:
                 self._written[number] = mark
                 row = self._slots[number]
                 _fill(row, action, time_ns)

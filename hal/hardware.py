@@ -16,7 +16,7 @@ from numba import njit
 
 from hal.can import frames
 from hal.can.port import Port
-from hal.device import DeviceCommand, DeviceState
+from hal.device import MEASURED, DeviceCommand, DeviceState
 from hal.drives.lifecycle import CONTROLWORD, STATE_OF_STATUSWORD, Command, State, controlword_towards
 from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import ParameterReply
@@ -121,7 +121,9 @@ class Hardware:
         self._ticks_due = 0
         self._controlwords = np.zeros(n, np.uint8)
         self._drive_state = np.zeros(n, np.uint8)
+        self._device_count = d
         self._lost = self._silent = 0
+        self._grow_older(0)
         self._identified, self._asked_for = False, np.zeros(n, np.int64)
         self._survey()
         self._out = frames.empty(protocol.frames_a_cycle)
@@ -177,8 +179,7 @@ class Hardware:
         """
         if not self._asked:
             return True
-        self.state.age += 1
-        self.devices.age += 1
+        self._grow_older(1)
         good = self._receive(wait_s)
         late = self._survey()
         if wait_s > 0.0 and late:
@@ -189,8 +190,7 @@ class Hardware:
                 good += self._receive(wait_s)
                 late = self._survey()
             if not good and not (told and self._ticks >= self._ticks_due):
-                self.state.age -= 1
-                self.devices.age -= 1
+                self._grow_older(-1)
                 return False
             while late and not told and self._receive(_GATHER_S):
                 late = self._survey()
@@ -203,6 +203,10 @@ class Hardware:
         """Nobody answered for so long that every drive counts as lost."""
         self.state.age += LOST_AFTER + 1
         self._survey()
+
+    def _grow_older(self, cycles: int) -> None:
+        """Count what was read last as older (or as not older after all) by so many cycles."""
+        _grow_older(self.state.memory, len(self._drive_state), self.devices.memory, self._device_count, cycles)
 
     @property
     def _ticks(self) -> int:
@@ -223,8 +227,7 @@ class Hardware:
 
     def _survey(self) -> int:
         """Look at every drive's age and status; drives whose reply is late but that are not lost."""
-        state = self.state
-        late, self._lost, self._silent = _survey(state.age, state.status, STATE_OF_STATUSWORD, self._drive_state)
+        late, self._lost, self._silent = _survey(self.state.memory, self._drive_state)
         if self._silent >= 0:  # whoever answers there later may be another drive
             self._forget_identities()
         return late
@@ -305,12 +308,22 @@ class Hardware:
                 words[:] = controlword_towards(rung, state, words)
 
 
+# Few arguments, whole memories (hal.joint, hal.device): in every cycle, handing over an array costs as much as these loops.
+
+
 @njit(cache=True)
-def _survey(age, status, state_of_statusword, drive_state):  # type: ignore[no-untyped-def]
+def _grow_older(joints, n, devices, d, cycles):  # type: ignore[no-untyped-def]
+    joints[4 * n : 5 * n] += cycles
+    devices[MEASURED * d : MEASURED * d + d] += cycles
+
+
+@njit(cache=True)
+def _survey(joints, drive_state):  # type: ignore[no-untyped-def]
     """Fill `drive_state`; (drives whose reply is late but not yet lost, first lost, first silent), −1: none."""
-    stale, lost, silent = 0, -1, -1
-    for j in range(age.shape[0]):
-        drive_state[j] = state_of_statusword[status[j] & 0x7F]
+    stale, lost, silent, n = 0, -1, -1, drive_state.shape[0]
+    age, status = joints[4 * n : 5 * n], joints[6 * n :].view(np.uint16)
+    for j in range(n):
+        drive_state[j] = STATE_OF_STATUSWORD[status[j] & 0x7F]
         age[j] = min(age[j], _NEVER)
         if age[j] > LOST_AFTER:
             silent = j if silent < 0 else silent

@@ -8,6 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 from daemon.controllers.joint_trajectory import PathForceIntegrator
 from daemon.exchange import ActionState, Answer, Outcome
 from daemon.references import HermitePath, LinePath, PathClock
+from hal.joint import JointCommand
 from handrail.messages import CartesianImpedance, PathForce, Pose
 
 TIP = "tool_right_tip"
@@ -92,12 +93,12 @@ def test_a_line_goes_straight_and_turns_the_short_way() -> None:
 def test_the_path_force_grows_with_the_lag_up_to_its_limit_and_never_pulls_back(bench) -> None:
     bench.enable()
     robot = bench.loop.robot
-    commanded = robot.joints.position.copy()
-    velocity = np.zeros_like(commanded)
+    commanded = JointCommand(len(robot.joints))
+    commanded.position[:] = robot.joints.position
     joint = bench.index("arm_right_1_joint")
-    velocity[joint] = 0.4
-    commanded[joint] += 0.02
-    robot.update(commanded, velocity)
+    commanded.velocity[joint] = 0.4
+    commanded.position[joint] += 0.02
+    robot.update(commanded)
     force = PathForceIntegrator(PathForce(frame=TIP, gain=1500.0, limit=20.0))
     force.torque(robot)
     direction = robot.commanded_frame_velocity(TIP)
@@ -106,12 +107,14 @@ def test_the_path_force_grows_with_the_lag_up_to_its_limit_and_never_pulls_back(
     assert force.force > 0.0
     torque = force.torque(robot)
     assert torque == pytest.approx(robot.jacobian(TIP)[:3].T @ (force.force * direction))
-    robot.update(commanded, np.zeros_like(velocity))
+    commanded.velocity[joint] = 0.0
+    robot.update(commanded)
     for _ in range(2000):
         force.torque(robot)
     assert force.force == 20.0, "where the path stands, its last direction counts"
-    commanded[joint] -= 0.04
-    robot.update(commanded, velocity)
+    commanded.position[joint] -= 0.04
+    commanded.velocity[joint] = 0.4
+    robot.update(commanded)
     for _ in range(2000):
         force.torque(robot)
     assert force.force == 0.0

@@ -70,6 +70,15 @@ class Runtime:
         """Text: the folder of the robot whose service runs here; there while it does."""
         return self.folder / "robot"
 
+    def robot_up(self, instead: str = "") -> str:
+        """The folder of the robot whose service runs here. Raises ValueError when none does; `instead`: what else might help."""
+        if not self.robot.is_file():
+            more = f", or {instead}" if instead else ""
+            raise ValueError(
+                f"no robot is up in {self.folder}; start one (handrail up), say where it is (--runtime){more}"
+            )
+        return self.robot.read_text(encoding="utf-8").strip()
+
     @property
     def state_ring(self) -> Path:
         """Shared memory: what the loop writes each cycle, the server reads."""

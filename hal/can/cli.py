@@ -14,18 +14,15 @@ import typer
 from hal.can import cli_bus, fault_cli, sending
 from hal.can.capture import Decoder, Interrupt, check_log, line, watch
 from hal.can.cli_options import (
-    BitRate,
     Channels,
-    DataBitRate,
     DbcFile,
     Filter,
-    Interface,
-    RuntimeFolder,
+    Place,
     fail,
     in_words,
     matches,
     names_of,
-    open_bus,
+    on_a_bus,
     parse_filter,
 )
 from hal.can.replay import channel_of, read_log, replay
@@ -46,7 +43,9 @@ app.command()(cli_bus.up)
 
 
 @app.command()
+@on_a_bus
 def dump(
+    place: Place,
     channel: Channels = None,
     decode: Annotated[
         bool,
@@ -59,10 +58,6 @@ def dump(
     count: Annotated[int | None, typer.Option(min=1, help="End after so many frames.", show_default="never")] = None,
     filters: Filter = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no frames (with --log).")] = False,
-    interface: Interface = "handrail",
-    bitrate: BitRate = 1_000_000,
-    data_bitrate: DataBitRate = 5_000_000,
-    runtime: RuntimeFolder = None,
 ) -> None:
     """Print every frame on the bus, as candump does, and log it if asked. Ctrl-C ends it.
 
@@ -73,7 +68,7 @@ def dump(
         decoder = Decoder(*([dbc] if dbc else dbc_files().values())) if decode or dbc else None
         if log is not None:
             check_log(log)
-        bus = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-dump", filters)
+        bus = place.open(channel, "can-dump", filters)
 
     def show(message: can.Message) -> None:
         meaning = decoder.text(message) if decoder else ""
@@ -83,16 +78,14 @@ def dump(
 
 
 @app.command()
+@on_a_bus
 def record(
+    place: Place,
     file: Annotated[Path, typer.Argument(help="Where to: .blf, .asc, .log (candump's), .csv, .mf4, .trc, .db.")],
     channel: Channels = None,
     duration: Annotated[float | None, typer.Option(min=0.0, help="End after so many s.", show_default="Ctrl-C")] = None,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many frames.", show_default="never")] = None,
     filters: Filter = None,
-    interface: Interface = "handrail",
-    bitrate: BitRate = 1_000_000,
-    data_bitrate: DataBitRate = 5_000_000,
-    runtime: RuntimeFolder = None,
 ) -> None:
     """Write every frame on the bus to a log file that CAN tools read, until Ctrl-C.
 
@@ -100,7 +93,7 @@ def record(
     """
     with in_words("record"):
         check_log(file)
-        bus = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-record", filters)
+        bus = place.open(channel, "can-record", filters)
     if sys.stderr.isatty():
         print(f"recording {bus.channel_info} to {file}; Ctrl-C ends it", file=sys.stderr)
     _watch("record", bus, [], file, count=count, duration_s=duration)
@@ -148,17 +141,15 @@ def _watch(
 
 
 @app.command()
+@on_a_bus
 def send(
+    place: Place,
     frame: Annotated[str, typer.Argument(help="123#DEADBEEF, CAN FD 123##1DEADBEEF, 123#R8, or a message's name.")],
     signals: Annotated[list[str] | None, typer.Argument(help="Of a message by name: SIGNAL=VALUE ...")] = None,
     channel: Annotated[str | None, typer.Option("--channel", "-c", show_default="the first")] = None,
     count: Annotated[int, typer.Option(min=0, help="So many times; 0: until Ctrl-C.")] = 1,
     period: Annotated[float, typer.Option(min=0.0, help="s between two.")] = 0.1,
     dbc: DbcFile = None,
-    interface: Interface = "handrail",
-    bitrate: BitRate = 1_000_000,
-    data_bitrate: DataBitRate = 5_000_000,
-    runtime: RuntimeFolder = None,
 ) -> None:
     """Send a frame, as cansend does, or a message by its name in the DBC.
 
@@ -173,7 +164,7 @@ def send(
                 )
         else:
             message = sending.encode_message(frame, signals or [], [dbc] if dbc else list(dbc_files().values()))
-        bus = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-send")
+        bus = place.open(channel, "can-send")
         interrupt, sent = Interrupt(), 0
         try:
             while True:
@@ -186,7 +177,9 @@ def send(
 
 
 @app.command("replay")
+@on_a_bus
 def replay_file(
+    place: Place,
     file: Annotated[Path, typer.Argument(help="A log: .blf, .asc, .log (candump's), .csv, .mf4, .trc, .db.")],
     channel: Annotated[
         str | None, typer.Option("--channel", "-c", help="Send all on this one.", show_default="as logged")
@@ -196,10 +189,6 @@ def replay_file(
     ] = 1.0,
     repeat: Annotated[int, typer.Option(min=0, help="So many times; 0: until Ctrl-C.")] = 1,
     filters: Filter = None,
-    interface: Interface = "handrail",
-    bitrate: BitRate = 1_000_000,
-    data_bitrate: DataBitRate = 5_000_000,
-    runtime: RuntimeFolder = None,
 ) -> None:
     """Send a log's frames again at the times (of this computer's clock) that they had. Ctrl-C ends it.
 
@@ -207,11 +196,11 @@ def replay_file(
     """
     sent = skipped = latest = 0
     with in_words("replay"):
-        if interface != "handrail" and channel is None:
-            raise ValueError(f"--interface {interface}: --channel is missing")
+        if place.interface != "handrail" and channel is None:
+            raise ValueError(f"--interface {place.interface}: --channel is missing")
         wanted = [parse_filter(text) for text in filters or []]
         next(read_log(file), None)  # is it a log at all
-        bus = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-replay")
+        bus = place.open(channel, "can-replay")
         names = names_of(bus, channel)
 
         def route(message: can.Message) -> str:

@@ -11,7 +11,7 @@ import can
 import typer
 
 from hal.can.capture import Decoder, Interrupt
-from hal.can.cli_options import BitRate, DataBitRate, DbcFile, Interface, RuntimeFolder, fail, in_words, open_bus
+from hal.can.cli_options import BitRate, DataBitRate, DbcFile, Place, RuntimeFolder, fail, in_words, on_a_bus
 from hal.can.interface import HandrailBus
 from hal.drives.family import dbc_files
 from handrail.runtime import Runtime
@@ -43,17 +43,15 @@ def up(
     hub.main(arguments)
 
 
+@on_a_bus
 def stats(
+    place: Place,
     once: Annotated[bool, typer.Option("--once", help="Print one table (of half a second) and end.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print it once, as JSON.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Show every identifier and node.")] = False,
     period: Annotated[float, typer.Option(min=0.1, help="s between two looks.")] = 0.5,
     dbc: DbcFile = None,
-    interface: Interface = "handrail",
     channel: Annotated[str | None, typer.Option("--channel", "-c", help="Of a real bus.")] = None,
-    bitrate: BitRate = 1_000_000,
-    data_bitrate: DataBitRate = 5_000_000,
-    runtime: RuntimeFolder = None,
 ) -> None:
     """The bus's load by channel and identifier, its nodes' error counters and its faults, live until Ctrl-C.
 
@@ -68,13 +66,13 @@ def stats(
     with in_words("stats"):
         decoder = Decoder(*([dbc] if dbc else dbc_files().values()))
         bus: HubControl | ListenedBus
-        if interface == "handrail":
-            bus = HubControl(Runtime.at(runtime, make=False).bus, timeout_s=1.0)
+        if place.interface == "handrail":
+            bus = HubControl(Runtime.at(place.runtime, make=False).bus, timeout_s=1.0)
         else:
             from hal.can.listening import ListenedBus
 
-            real = open_bus(channel, interface, (bitrate, data_bitrate), runtime, "can-stats")
-            bus = ListenedBus(real, str(channel), bitrate, data_bitrate, interface)
+            real = place.open(channel, "can-stats")
+            bus = ListenedBus(real, str(channel), *place.rates, place.interface)
         interrupt = Interrupt()
         try:
             before = bus.report()

@@ -1,11 +1,17 @@
-"""What the verbs of `handrail can` have in common: their options, the bus that these name, and how problems are said."""
+"""What the verbs of `handrail can` have in common: their options, the bus that these name, and how problems are said.
+
+A verb that works on any bus is decorated with `on_a_bus`, and gets its options `--interface`, `--bitrate`, `--data-bitrate` and
+`--runtime` as one `Place`.
+"""
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -53,30 +59,56 @@ def in_words(verb: str) -> Iterator[None]:
         fail(verb, error)
 
 
-def open_bus(
-    channel: str | None,
-    interface: str,
-    rates: tuple[int, int],
-    runtime: Path | None,
-    program: str,
-    filters: list[str] | None = None,
-) -> can.BusABC:
-    """The bus that the options name. Raises ValueError, BusLost, can.CanError."""
-    wanted = [parse_filter(text) for text in filters or []]
-    bus: can.BusABC
-    if interface == "handrail":
-        bus = HandrailBus(channel, runtime=runtime, timeout=1.0, name=f"{program}-{os.getpid()}")
-    else:
-        from hal.can import real_port
+@dataclass(frozen=True)
+class Place:
+    """Which bus a verb works on."""
 
-        if channel is None:
-            raise ValueError(
-                f"--interface {interface}: the channel is missing; `handrail can interfaces` lists what there is"
-            )
-        bus = real_port.open_bus(interface, channel, *rates)
-    if wanted:
-        bus.set_filters(wanted)
-    return bus
+    interface: str
+    rates: tuple[int, int]
+    """bit/s: nominal, and of CAN FD's data phase"""
+    runtime: Path | None
+
+    def open(self, channel: str | None, program: str, filters: list[str] | None = None) -> can.BusABC:
+        """Join it. Raises ValueError, BusLost, can.CanError."""
+        wanted = [parse_filter(text) for text in filters or []]
+        bus: can.BusABC
+        if self.interface == "handrail":
+            bus = HandrailBus(channel, runtime=self.runtime, timeout=1.0, name=f"{program}-{os.getpid()}")
+        else:
+            from hal.can import real_port
+
+            if channel is None:
+                raise ValueError(
+                    f"--interface {self.interface}: the channel is missing; `handrail can interfaces` lists what there is"
+                )
+            bus = real_port.open_bus(self.interface, channel, *self.rates)
+        if wanted:
+            bus.set_filters(wanted)
+        return bus
+
+
+def _place(
+    interface: Interface = "handrail",
+    bitrate: BitRate = 1_000_000,
+    data_bitrate: DataBitRate = 5_000_000,
+    runtime: RuntimeFolder = None,
+) -> Place:
+    return Place(interface, (bitrate, data_bitrate), runtime)
+
+
+def on_a_bus(verb: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb the options that say which bus; it gets what they say as its parameter `place`."""
+    options = inspect.signature(_place, eval_str=True).parameters
+    own = inspect.signature(verb, eval_str=True).parameters
+
+    def with_options(**given: Any) -> None:
+        verb(place=_place(**{name: given.pop(name) for name in options}), **given)
+
+    shown = [*(parameter for name, parameter in own.items() if name != "place"), *options.values()]
+    shown = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in shown]
+    with_options.__name__, with_options.__doc__ = verb.__name__, verb.__doc__
+    with_options.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]  # what typer reads
+    return with_options
 
 
 def parse_filter(text: str) -> Any:

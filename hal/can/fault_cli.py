@@ -13,6 +13,7 @@ from typing import Annotated, Any, get_args
 import msgspec
 import typer
 
+from hal.can.cli_options import RuntimeFolder
 from hal.can.control import HubControl
 from hal.can.faults import Fault, Kind, read
 from handrail.config import ConfigError
@@ -21,11 +22,6 @@ from handrail.runtime import Runtime
 KINDS = get_args(Kind)
 
 app = typer.Typer(help="Faults on the virtual bus.", no_args_is_help=True, add_completion=False)
-
-RuntimeFolder = Annotated[
-    Path | None,
-    typer.Option("--runtime", help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's"),
-]
 
 
 @app.callback()

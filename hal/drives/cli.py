@@ -175,14 +175,7 @@ def _client(verb: str, robot: str | None, runtime: Path | None, joint: str | Non
 
     try:
         place = Runtime.at(runtime, make=False)
-        if robot is None:
-            if not place.robot.is_file():
-                raise ValueError(
-                    f"no robot is up in {place.folder}; start one (handrail up), say where it is (--runtime), or name the robot "
-                    "of these buses (--robot)"
-                )
-            robot = place.robot.read_text(encoding="utf-8").strip()
-        description = robots.load(robot)
+        description = robots.load(robot or place.robot_up("name the robot of these buses (--robot)"))
         if joint is not None and joint not in description.joints:
             raise ValueError(f"joint {joint}: not on this robot; expected one of {', '.join(description.joints)}")
         protocol = LimbProtocol(description)

@@ -66,9 +66,7 @@ class DriveParameters:
             )
 
 
-class Readable:
-    """A parameter that can only be read."""
-
+class _Attribute:
     def __init__(self, parameter: Parameter):
         self._parameter = parameter
 
@@ -78,42 +76,26 @@ class Readable:
     def __get__(self, drive: DriveParameters, owner: type) -> float: ...
     def __get__(self, drive: DriveParameters | None, owner: type) -> Self | float:
         return self if drive is None else drive.ask(self._parameter)
+
+
+class Readable(_Attribute):
+    """A parameter that can only be read."""
 
     def __set__(self, drive: DriveParameters, value: Never) -> NoReturn:
         raise AttributeError(f"{self._parameter.name.lower()} can only be read")
 
 
-class ReadWrite:
+class ReadWrite(_Attribute):
     """A parameter that can be read and written."""
-
-    def __init__(self, parameter: Parameter):
-        self._parameter = parameter
-
-    @overload
-    def __get__(self, drive: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, drive: DriveParameters, owner: type) -> float: ...
-    def __get__(self, drive: DriveParameters | None, owner: type) -> Self | float:
-        return self if drive is None else drive.ask(self._parameter)
 
     def __set__(self, drive: DriveParameters, value: float) -> None:
         drive.ask(self._parameter, value)
 
 
-class WriteOnly:
+class WriteOnly(ReadWrite):
     """A parameter that can only be written."""
 
-    def __init__(self, parameter: Parameter):
-        self._parameter = parameter
-
-    @overload
-    def __get__(self, drive: None, owner: type) -> Self: ...
-    @overload
-    def __get__(self, drive: DriveParameters, owner: type) -> NoReturn: ...
-    def __get__(self, drive: DriveParameters | None, owner: type) -> Self:
+    def __get__(self, drive: DriveParameters | None, owner: type) -> Any:
         if drive is None:
             return self
         raise AttributeError(f"{self._parameter.name.lower()} can only be written")
-
-    def __set__(self, drive: DriveParameters, value: float) -> None:
-        drive.ask(self._parameter, value)

@@ -23,7 +23,7 @@ COUNTED = (Role.CONTROL, Role.COMMAND, Role.PARAMETER_REQUEST, Role.DEVICE_COMMA
 _LARGEST = {32: float(np.finfo(np.float32).max), 64: float(np.finfo(np.float64).max)}
 _SINGLE = re.compile(r"_?\{[a-z]+\}")
 _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-_TAKEN = {"encode", "decode", "record"}
+_TAKEN = {"encode", "decode", "record", "field"}
 _WHOLE = (Field.TIME, Field.WATCHDOG)  # whole numbers, though they have a unit
 
 

@@ -6,13 +6,16 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable
+from enum import IntEnum
 from pathlib import Path
 
 from hal.drives.docs import ROLES, of_any
 from hal.drives.family import Family
 from hal.drives.fields import Field
-from hal.drives.parameters import DICTIONARY
+from hal.drives.lifecycle import DriveError, State
+from hal.drives.parameters import DICTIONARY, ParameterResult
 from hal.drives.typed_fields import COUNTED, Kind, TypedField, fields, kinds
+from hal.joint import Mode
 
 _WIDTH = 120
 _TAKEN = {"Any", "DriveParameters", "IntEnum", "Parameter", "Parameters", "TypedMessage", "AnyMessage"}
@@ -56,21 +59,33 @@ def _imports(body: str, parameters: bool) -> str:
     if "(IntEnum)" in body:
         lines.append("from enum import IntEnum")
     lines += ["", "import can", ""]
-    used = set(re.findall(r"\w+", body)) | {"decode_any"}
-    if "lifecycle.Command" in body:
+    code = re.sub(r'""".*?"""', "", body, flags=re.DOTALL)
+    used = set(re.findall(r"\w+", code)) | {"decode_any"}
+    if "lifecycle" in used:
         lines.append("from hal.drives import lifecycle")
+    ours = used - set(re.findall(r"class (\w+)", code))
     for module, words in (
         ("drive_parameters", ("DriveParameters", "Readable", "ReadWrite", "WriteOnly") if parameters else ()),
-        ("parameters", ("Parameter",)),
+        ("lifecycle", ("DriveError", "State")),
+        ("parameters", ("Parameter", "ParameterResult")),
         ("typed", ("NEXT", "NOW", "TypedMessage", "decode_any")),
     ):
-        if there := [word for word in words if word in used]:
+        if there := [word for word in words if word in ours]:
             lines.append(f"from hal.drives.{module} import {', '.join(there)}")
+    if "Mode" in ours:
+        lines.append("from hal.joint import Mode")
     return "\n".join(lines)
 
 
+_OURS: dict[frozenset[tuple[int, str]], type[IntEnum]] = {
+    frozenset((int(member), member.name) for member in kind): kind
+    for kind in (DriveError, Mode, ParameterResult, State)
+}
+
+
 class _Enums:
-    """The tables of values, each once; one of another message's that differs is named after its message."""
+    """The tables of values, each once; one of another message's that differs is named after its message. A table that Handrail has
+    a type for anyway is that type."""
 
     def __init__(self, told: dict[str, tuple[TypedField, ...]]):
         self._tables: dict[str, dict[int, str]] = {}
@@ -84,8 +99,13 @@ class _Enums:
     def _named(self, message: str, item: TypedField) -> str:
         plain = item.name.title().replace("_", "")
         members = _members(item.choices)
+        ours = _OURS.get(frozenset(members.items()))
+        if ours is not None and ours.__name__ not in self._taken:
+            self._tables[ours.__name__] = members
+            return ours.__name__
+        taken = self._taken | {kind.__name__ for kind in _OURS.values()}
         for name in (plain, f"{message}{plain}", f"{message}{plain}Value"):
-            if name not in self._taken and self._tables.get(name, members) == members:
+            if name not in taken and self._tables.get(name, members) == members:
                 self._tables[name] = members
                 return name
         raise ValueError(f"{message}.{item.signal}: no name left for its table of values")
@@ -100,8 +120,10 @@ class _Enums:
         return f"{name}.{members.get(0) or next(iter(members.values()))}"
 
     def blocks(self) -> Iterable[list[str]]:
-        """Their source, in the order in which they were met."""
+        """The source of those that Handrail does not have, in the order in which they were met."""
         for name, members in self._tables.items():
+            if name in {kind.__name__ for kind in _OURS.values()}:
+                continue
             yield [f"class {name}(IntEnum):", *(f"    {word} = {raw}" for raw, word in members.items())]
 
 

@@ -84,11 +84,7 @@ def relay(
     try:
         place = Runtime.at(runtime, make=False)
         if power is None:
-            if not place.robot.is_file():
-                raise ValueError(
-                    f"no robot is up in {place.folder}; start one (handrail up), or say where it is (--runtime)"
-                )
-            devices = robots.load(place.robot.read_text(encoding="utf-8").strip()).devices
+            devices = robots.load(place.robot_up()).devices
             supplies = [device.name for device in devices if device.family == "power"]
             if len(supplies) != 1:
                 raise ValueError(

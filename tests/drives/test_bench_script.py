@@ -44,7 +44,7 @@ def test_the_test_bench_in_the_docs_moves_a_drive(runtime: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     told = re.fullmatch(
-        r"firmware (\d+), (\d+\.\d) V, at most (\d+) N·m\nmoved (-?\d\.\d+) rad, (-?\d+\.\d) N·m, <Error.NONE: 0>\n",
+        r"firmware (\d+), (\d+\.\d) V, at most (\d+) N·m\nmoved (-?\d\.\d+) rad, (-?\d+\.\d) N·m, <DriveError.NONE: 0>\n",
         done.stdout,
     )
     assert told is not None, done.stdout

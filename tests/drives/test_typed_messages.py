@@ -26,7 +26,7 @@ from hal.can.convert import to_message, to_record
 from hal.drives import cli, family, typed_fields, typed_source
 from hal.drives.family import signal_of
 from hal.drives.fields import Role
-from hal.drives.lifecycle import Command
+from hal.drives.lifecycle import Command, DriveError, State
 from hal.drives.limb_fd import messages as limb_fd
 from hal.drives.mit import messages as mit
 from hal.drives.parameters import DICTIONARY, Parameter
@@ -204,12 +204,10 @@ def test_what_does_not_fit_is_refused_by_message_signal_value_and_range(message:
 
 
 def test_enums_numbers_and_flags_come_back_as_what_they_are() -> None:
-    sent = limb_fd.LimbStatus(
-        limb=3, state=[limb_fd.State.FAULT], error=[limb_fd.Error.UNDERVOLTAGE, 12], warning=[True]
-    )
+    sent = limb_fd.LimbStatus(limb=3, state=[State.FAULT], error=[DriveError.UNDERVOLTAGE, 12], warning=[True])
     got = limb_fd.LimbStatus.decode(sent.encode())
-    assert got.state[0] is limb_fd.State.FAULT and got.warning == [True] + [False] * 6
-    assert got.error[0] is limb_fd.Error.UNDERVOLTAGE and got.error[1] == 12
+    assert got.state[0] is State.FAULT and got.warning == [True] + [False] * 6
+    assert got.error[0] is DriveError.UNDERVOLTAGE and got.error[1] == 12
     request = limb_fd.decode(limb_fd.ParameterRequest(index=Parameter.TORQUE_LIMIT, write=limb_fd.Write.WRITE).encode())
     assert isinstance(request, limb_fd.ParameterRequest)
     assert request.index is Parameter.TORQUE_LIMIT and request.write is limb_fd.Write.WRITE
@@ -329,4 +327,4 @@ def test_the_command_refuses_a_family_and_a_place_that_are_not_there(tmp_path: P
 
 def test_fields_are_typed_for_editors() -> None:
     hints = typing.get_type_hints(limb_fd.DriveStatus)
-    assert hints["position"] is float and hints["mode"] is limb_fd.Mode and hints["limb"] is int
+    assert hints["position"] is float and hints["mode"] is Mode and hints["limb"] is int

@@ -8,35 +8,13 @@ from enum import IntEnum
 
 import can
 
+from hal.drives.lifecycle import DriveError, State
 from hal.drives.typed import NEXT, NOW, TypedMessage, decode_any
 
 
 class Enable(IntEnum):
     DISABLE = 0
     ENABLE = 1
-
-
-class State(IntEnum):
-    NOT_READY_TO_SWITCH_ON = 0
-    SWITCH_ON_DISABLED = 1
-    READY_TO_SWITCH_ON = 2
-    SWITCHED_ON = 3
-    OPERATION_ENABLED = 4
-    QUICK_STOP_ACTIVE = 5
-    FAULT_REACTION_ACTIVE = 6
-    FAULT = 7
-
-
-class Error(IntEnum):
-    NONE = 0
-    WATCHDOG = 1
-    OVERTEMPERATURE = 2
-    OVERSPEED = 3
-    ENCODER = 4
-    OVERCURRENT = 5
-    COMMUNICATION = 6
-    INTERNAL = 7
-    UNDERVOLTAGE = 8
 
 
 @dataclass(kw_only=True)
@@ -77,7 +55,7 @@ class GripperStatus(TypedMessage, family="gripper", message="GripperStatus"):
     """CiA 402"""
     holding: bool = False
     """1: something stopped it before its goal"""
-    error: Error | int = Error.NONE
+    error: DriveError | int = DriveError.NONE
     sequence: int = NEXT
     """0 to 255; of this gripper's own frames"""
     time: int = NOW

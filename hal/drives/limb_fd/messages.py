@@ -9,8 +9,10 @@ from enum import IntEnum
 import can
 
 from hal.drives.drive_parameters import DriveParameters, Readable, ReadWrite, WriteOnly
-from hal.drives.parameters import Parameter
+from hal.drives.lifecycle import DriveError, State
+from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.typed import NEXT, NOW, TypedMessage, decode_any
+from hal.joint import Mode
 
 
 class Controlword(IntEnum):
@@ -20,13 +22,6 @@ class Controlword(IntEnum):
     SWITCH_ON = 7
     ENABLE_OPERATION = 15
     FAULT_RESET = 128
-
-
-class Mode(IntEnum):
-    DAMPING = 0
-    TORQUE = 1
-    IMPEDANCE = 2
-    POSITION = 3
 
 
 class Statusword(IntEnum):
@@ -40,40 +35,9 @@ class Statusword(IntEnum):
     SWITCH_ON_DISABLED = 576
 
 
-class Error(IntEnum):
-    NONE = 0
-    WATCHDOG = 1
-    OVERTEMPERATURE = 2
-    OVERSPEED = 3
-    ENCODER = 4
-    OVERCURRENT = 5
-    COMMUNICATION = 6
-    INTERNAL = 7
-    UNDERVOLTAGE = 8
-
-
-class State(IntEnum):
-    NOT_READY_TO_SWITCH_ON = 0
-    SWITCH_ON_DISABLED = 1
-    READY_TO_SWITCH_ON = 2
-    SWITCHED_ON = 3
-    OPERATION_ENABLED = 4
-    QUICK_STOP_ACTIVE = 5
-    FAULT_REACTION_ACTIVE = 6
-    FAULT = 7
-
-
 class Write(IntEnum):
     READ = 0
     WRITE = 1
-
-
-class Result(IntEnum):
-    OK = 0
-    UNKNOWN = 1
-    READ_ONLY = 2
-    OUT_OF_RANGE = 3
-    WRONG_STATE = 4
 
 
 @dataclass(kw_only=True)
@@ -130,7 +94,7 @@ class DriveStatus(TypedMessage, family="limb_fd", message="DriveStatus"):
     """CiA 402"""
     temperature: float = 0.0
     """°C, 0 to 255, in steps of 1"""
-    error: Error | int = Error.NONE
+    error: DriveError | int = DriveError.NONE
     sequence: int = 0
     """0 to 255; of the frame that this answers"""
     mode: Mode = Mode.DAMPING
@@ -153,7 +117,7 @@ class LimbStatus(TypedMessage, family="limb_fd", message="LimbStatus"):
     """N·m, -655.36 to 655.34, in steps of 0.02"""
     state: list[State] = field(default_factory=lambda: [State.NOT_READY_TO_SWITCH_ON] * 7)
     warning: list[bool] = field(default_factory=lambda: [False] * 7)
-    error: list[Error | int] = field(default_factory=lambda: [Error.NONE] * 7)
+    error: list[DriveError | int] = field(default_factory=lambda: [DriveError.NONE] * 7)
     sequence: int = 0
     """0 to 255; of the frame that this answers"""
     time: int = NOW
@@ -209,7 +173,7 @@ class ParameterReply(TypedMessage, family="limb_fd", message="ParameterReply"):
     """0 to 6"""
     index: Parameter | int = Parameter.PROTOCOL_VERSION
     write: Write = Write.READ
-    result: Result | int = Result.OK
+    result: ParameterResult | int = ParameterResult.OK
     sequence: int = 0
     """0 to 255; of the request"""
     value: float = 0.0

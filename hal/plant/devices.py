@@ -17,6 +17,7 @@ from hal.drives.lifecycle import DriveError, State
 from hal.plant.hands import Gripper
 from hal.plant.power import Battery
 from hal.plant.robot_body import BASE, JointState, RobotBody, motion_of
+from hal.plant.sensor_noise import Noise
 from hal.plant.sensors import ForceTorque, Imu
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class DevicePlant:
         """row → gripper"""
         self.batteries: dict[int, Battery] = {}
         """row → battery. A drive has power while all of them give it"""
+        self._noise = Noise(self.devices, body.description.period_ns * 1e-9)
         self._imus: dict[int, Imu] = {}
         self._wrists: dict[int, ForceTorque] = {}
         self._drives = drives
@@ -102,6 +104,7 @@ class DevicePlant:
             battery.draw(time_ns, float(actuators.spring_torque @ self._velocity), actuators.current)
             battery.measure(values[row])
             self._look_at_power()
+        self._noise.add(values)
         state.measured_ns[:] = time_ns
         state.age[:] = 0
         return state

@@ -45,12 +45,39 @@ class _LimbFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     answer: Literal["drives", "master"] = "drives"
 
 
+class SensorNoise(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """What a simulated sensor adds to the truth. Left out: what is usual for its family (hal.plant.sensor_noise)."""
+
+    angular_velocity: NonNegative | None = None
+    """imu: rad/s/√Hz, density of white noise"""
+    angular_velocity_bias: NonNegative | None = None
+    """imu: rad/s, from which a constant offset is drawn (σ)"""
+    linear_acceleration: NonNegative | None = None
+    """imu: m/s²/√Hz"""
+    linear_acceleration_bias: NonNegative | None = None
+    """imu: m/s²"""
+    force: NonNegative | None = None
+    """force_torque: N/√Hz"""
+    force_bias: NonNegative | None = None
+    """force_torque: N"""
+    torque: NonNegative | None = None
+    """force_torque: N·m/√Hz"""
+    torque_bias: NonNegative | None = None
+    """force_torque: N·m"""
+
+
+USUAL_NOISE = SensorNoise()
+_NOISY = {"imu": ("angular_velocity", "linear_acceleration"), "force_torque": ("force", "torque")}
+"""family → what its sensors measure with noise"""
+
+
 class _DeviceFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     name: str
     family: str
     channel: str
     link: str = ""
     joint: str = ""
+    noise: SensorNoise = USUAL_NOISE
 
 
 class _Network(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -180,6 +207,8 @@ class Device:
     """imu, force_torque: the URDF link whose frame it measures in"""
     joint: str
     """gripper: the joint that its one drive moves; others mimic it"""
+    noise: SensorNoise = USUAL_NOISE
+    """imu, force_torque: what the simulated one adds to the truth"""
 
 
 @dataclass(frozen=True)
@@ -414,8 +443,17 @@ def _devices(
             raise document.error(f"{field}.link", f"no link {device.link!r} in the URDF")
         if device.joint and (device.joint not in moving or device.joint in mimics):
             raise document.error(f"{field}.joint", f"no moving joint {device.joint!r} that mimics no other in the URDF")
+        own = {f"{quantity}{end}" for quantity in _NOISY.get(device.family, ()) for end in ("", "_bias")}
+        for quantity, value in msgspec.structs.asdict(device.noise).items():
+            if value is not None and quantity not in own:
+                known = ", ".join(sorted(own)) or "none"
+                raise document.error(
+                    f"{field}.noise.{quantity}", f"{device.family} has no such noise; expected {known}"
+                )
         index = sum(other.family == device.family for other in devices)
-        devices.append(Device(device.name, device.family, index, device.channel, device.link, device.joint))
+        devices.append(
+            Device(device.name, device.family, index, device.channel, device.link, device.joint, device.noise)
+        )
     return tuple(devices)
 
 

@@ -6,17 +6,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hal.device import MEASURED
 from hal.drives.lifecycle import CONTROLWORD, Command, DriveError, State
 from hal.plant.bullet import pybullet as p
 from hal.plant.power import WINDING_RESISTANCE
+from hal.plant.sensor_noise import DEFAULTS, Noise, without_noise
 from hal.plant.world import World
+from handrail.config import ConfigError
+from handrail.robot import description
 
 WEIGHT = 9.81
 
 
 @pytest.fixture(scope="module")
 def world(robot):
-    world = World(robot)
+    world = World(without_noise(robot))
     yield world
     world.close()
 
@@ -136,3 +140,47 @@ def test_the_battery_pays_for_holding_a_load(host, row):
     assert heat > 2.0  # W
     assert after[0] < before[0]  # V
     assert 0.999 < after[2] < before[2]
+
+
+def test_a_sensors_noise_is_its_density_at_the_robots_rate_and_its_offset_stays(robot, row):
+    noise = Noise(robot.devices, robot.period_ns * 1e-9)
+    samples = np.zeros((3000, len(robot.devices), MEASURED))
+    for sample in samples:
+        noise.add(sample)
+    imu, wrist = samples[:, row["torso_imu"]], samples[:, row["wrist_right_ft"]]
+    half_rate = np.sqrt(0.5e9 / robot.period_ns)
+    for got, what, family in (
+        (imu[:, 4:7], "angular_velocity", "imu"),
+        (imu[:, 7:10], "linear_acceleration", "imu"),
+        (wrist[:, 0:3], "force", "force_torque"),
+        (wrist[:, 3:6], "torque", "force_torque"),
+    ):
+        np.testing.assert_allclose(got.std(axis=0), getattr(DEFAULTS[family], what) * half_rate, rtol=0.08)
+        white = np.corrcoef(got[:-1, 0], got[1:, 0])[0, 1]
+        assert abs(white) < 0.07, f"{what}: a sample tells nothing of the next"
+    first, last = wrist[:1500, 0:3].mean(axis=0), wrist[1500:, 0:3].mean(axis=0)
+    assert np.abs(first).max() > 0.02
+    np.testing.assert_allclose(first, last, atol=0.006)
+    exact = np.delete(samples, [*range(4, 10)], axis=2)[:, [row["torso_imu"], row["battery"]]]
+    assert not exact.any(), "orientation and power are as they are"
+    again = np.zeros_like(samples[0])
+    Noise(robot.devices, robot.period_ns * 1e-9).add(again)
+    assert (again == samples[0]).all(), "the same in every run"
+
+
+def test_a_robot_says_what_noise_its_own_sensors_have(tmp_path):
+    device = "network: {devices: [{name: imu, family: imu, channel: can0, link: lower_arm, noise: {%s}}]}"
+    text = f"extends: sea_bench\nname: noisy\nmodel: {{file: {description.find('sea_bench').parent}/bench.urdf}}\n"
+    (tmp_path / "robot.yaml").write_text(text + device % "angular_velocity: 0.01, linear_acceleration: 0")
+    noisy = description.load(tmp_path)
+    samples = np.zeros((2000, 1, MEASURED))
+    noise = Noise(noisy.devices, noisy.period_ns * 1e-9)
+    for sample in samples:
+        noise.add(sample)
+    np.testing.assert_allclose(samples[:, 0, 4:7].std(axis=0), 0.01 * np.sqrt(250), rtol=0.08)
+    np.testing.assert_allclose(samples[:, 0, 7:10].std(axis=0), 0.0, atol=1e-12)
+    (tmp_path / "robot.yaml").write_text(text + device % "force: 0.1")
+    with pytest.raises(
+        ConfigError, match=r"robot.yaml:4: network.devices\[0\].noise.force: imu has no such noise; expected"
+    ):
+        description.load(tmp_path)

@@ -8,6 +8,7 @@ import pytest
 from hal.drives.lifecycle import State
 from hal.plant import scene
 from hal.plant.bullet import pybullet as p
+from hal.plant.sensor_noise import without_noise
 from hal.plant.world import World
 from hal.robots.check import mass_beyond
 from handrail.robot import description
@@ -40,7 +41,7 @@ def hand(request, tmp_path_factory):
         f" orientation: {list(scene.quaternion(grasp.rotation))}}}\n    size: [0.05, {WIDTH}, 0.05]\n    mass: {MASS}\n"
         "    friction: 0.8\n"
     )
-    world = World(robot, scene.load(file))
+    world = World(without_noise(robot), scene.load(file))
     row = next(row for row, device in enumerate(robot.devices) if device.name == gripper)
     world.devices.grippers[row].place(opened)
     yield world, row, opened, closed
@@ -126,7 +127,7 @@ def test_an_empty_gripper_moves_at_the_commanded_speed_with_its_linkage_in_step(
 
 def test_pinocchio_and_the_plant_see_the_fingers_in_the_same_place():
     robot = description.load("talos_upper_grippers")
-    world, kinematics = World(robot), Kinematics(robot)
+    world, kinematics = World(without_noise(robot)), Kinematics(robot)
     row = next(row for row, device in enumerate(robot.devices) if device.name == "gripper_right")
     world.devices.grippers[row].place(-0.6)
     kinematics.set_gripper("gripper_right_joint", -0.6)

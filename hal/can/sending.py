@@ -6,12 +6,14 @@ import difflib
 import os
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import can
 import cantools
 
 from hal.can.capture import load_dbc, messages_of
 from hal.can.frames import fd_length
+from hal.drives.family import dbc_files
 
 _RAW = re.compile(
     r"(?P<id>[0-9A-Fa-f]{1,8})#(?:(?P<remote>[Rr])(?P<dlc>[0-8])?|#(?P<flags>[0-9A-Fa-f])(?P<fd>[0-9A-Fa-f.]*)|(?P<data>[0-9A-Fa-f.]*))"
@@ -60,7 +62,8 @@ def parse_frame(text: str) -> can.Message:
 
 def encode_message(name: str, signals: Sequence[str], dbcs: Sequence[str | os.PathLike[str]]) -> can.Message:
     """The message `name` of the first DBC file that has it, with signals given as ``Name=value`` (a number or one of its
-    choices); what is not given is zero. Raises ValueError naming what there is.
+    choices); what is not given is zero, but for CRC and constants of a drive family's message. Raises ValueError naming what there
+    is.
     """
     names: list[str] = []
     for file in dbcs:
@@ -92,10 +95,16 @@ def encode_message(name: str, signals: Sequence[str], dbcs: Sequence[str | os.Pa
         data = definition.encode(values)
     except (cantools.Error, ValueError, OverflowError) as error:
         raise ValueError(f"{name}: {error}") from error
-    return can.Message(
+    message = can.Message(
         arbitration_id=definition.frame_id,
         is_extended_id=definition.is_extended_frame,
         is_fd=definition.is_fd or len(data) > 8,
         bitrate_switch=definition.is_fd or len(data) > 8,
         data=data,
     )
+    own = next((family for family, known_as in dbc_files().items() if known_as == Path(file)), "")
+    if not own:
+        return message
+    from hal.drives.typed import signed  # compiled kernels, which a frame in hex does without
+
+    return signed(own, message, {text.partition("=")[0] for text in signals})

@@ -23,7 +23,7 @@ import time
 import types
 import typing
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -68,9 +68,7 @@ class TypedMessage:
         Raises ValueError naming message, signal, value and range for what does not fit, ConfigError for a family that is not
         there.
         """
-        message = to_message(self.record().tobytes(), ("",), rx=False)
-        message.channel = None
-        return message
+        return _message(self.record())
 
     def record(self, bus: int = 0) -> np.ndarray:
         """The frame as hal.can.frames.RECORD (1,); otherwise as `encode`."""
@@ -262,6 +260,12 @@ def _record(message: can.Message | np.ndarray | np.void) -> np.ndarray:
     return np.ascontiguousarray(message, frames.RECORD).reshape(-1)[:1]
 
 
+def _message(record: np.ndarray) -> can.Message:
+    message = to_message(record.tobytes(), ("",), rx=False)
+    message.channel = None
+    return message
+
+
 def decode_any(kinds: Sequence[type[TypedMessage]], message: can.Message | np.ndarray | np.void) -> Any:
     """The message that a frame is by its identifier, None when it is none of these. Raises FrameError for a damaged one."""
     record, problem = _record(message), None
@@ -275,6 +279,31 @@ def decode_any(kinds: Sequence[type[TypedMessage]], message: can.Message | np.nd
     if problem is not None:
         raise problem
     return None
+
+
+def signed(family: str, message: can.Message, given: Collection[str] = ()) -> can.Message:
+    """A frame of this family, made by whatever means, with its CRC and constants as they should be.
+
+    given: names of signals that stay as they are. A frame that is none of the family's, or too short, is returned unchanged.
+    """
+    record = _record(message)
+    for plan in map(_plan, messages(family).MESSAGES):
+        numbers = plan.numbers_of(record)
+        if numbers is None or plan.payloads or int(record["length"][0]) != plan.layout(numbers).length:
+            continue
+        layout = plan.layout(numbers)
+        values = plan.family.codec.decode(layout.name, record)
+        for signal, raw in plan.constants(numbers):
+            if signal not in given:
+                at = layout.signals.index(signal)
+                values[0, at] = raw * layout.scales[at, 0] + layout.scales[at, 1]
+        plan.family.codec.encode(layout.name, values, record)
+        crc_signal = plan.crc_signal.format_map(numbers)
+        if crc_signal and crc_signal not in given:
+            values[0, layout.signals.index(crc_signal)] = plan.crc(layout, numbers, record)
+            plan.family.codec.encode(layout.name, values, record)
+        return _message(record)
+    return message
 
 
 def messages(family: str) -> types.ModuleType:

@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 
 from hal.can import frames
 from hal.can.convert import to_message, to_record
+from hal.can.sending import encode_message
 from hal.drives import cli, family, typed_fields, typed_source
 from hal.drives.family import signal_of
 from hal.drives.fields import Role
@@ -251,6 +252,16 @@ def test_a_frame_of_another_identifier_length_or_constant_is_none_of_these() -> 
         mit.decode(answer)
     assert limb_fd.decode(can.Message(arbitration_id=0x7FF, is_extended_id=False)) is None
     assert limb_fd.Sync.decode(np.frombuffer(to_record(limb_fd.Sync(cycle=5).encode(), 0), frames.RECORD)).cycle == 5
+
+
+def test_a_frame_sent_by_its_messages_name_is_one_that_drives_take() -> None:
+    words = ["Controlword_2=shutdown", "Sequence=7"]
+    sent = encode_message("LimbControl_3", words, [family.load("limb_fd").dbc])
+    assert limb_fd.decode(sent) == limb_fd.LimbControl(limb=3, controlword=[0, 0, 6, 0, 0, 0, 0], sequence=7)
+    with pytest.raises(FrameError, match="CRC 0x11; expected"):
+        limb_fd.decode(encode_message("LimbControl_3", [*words, "Crc=17"], [family.load("limb_fd").dbc]))
+    answer = mit.decode(encode_message("Feedback_1_2", ["Position=0.5"], [family.load("mit").dbc]))
+    assert isinstance(answer, mit.Feedback) and answer.position == pytest.approx(0.5, abs=2e-4)
 
 
 def test_every_parameter_is_an_attribute_that_does_what_the_dictionary_says() -> None:

@@ -20,6 +20,7 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 
 from __future__ import annotations
 
+import select
 import signal
 import socket
 import time
@@ -58,6 +59,8 @@ from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 
 TRANSFORM_PERIOD_NS = 40_000_000
 WORLD = "base_link"
+BATCH_S = 0.05
+"""wall time in which messages gather: nobody waits for a recording, and being woken for each costs more than writing it"""
 
 _AS_THEY_COME: dict[type, str] = {
     DaemonStatus: "/daemon_status",
@@ -294,6 +297,7 @@ def record(
                     recording.take(message)
                 if ended.fileno() in ready:
                     break
+                select.select([ended], [], [], BATCH_S)
         finally:
             recording.finish()
     total = sum(recording.counts.values())

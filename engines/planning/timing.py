@@ -98,11 +98,13 @@ def _profile(spline: toppra.SplineInterpolator, limits: Limits, duration: float,
     path = toppra.SplineInterpolator(share, np.column_stack([spline(share), share]), bc_type="natural")
     velocity = np.append(limits.velocity, top)
     acceleration = np.append(limits.acceleration, top / ramp)
-    instance = algorithm.TOPPRA(
-        [
+    with np.printoptions(formatter={"float_kind": str}):  # toppra puts limits into words: an eighth of planning's time
+        bounds = [
             constraint.JointVelocityConstraint(np.column_stack([-velocity, velocity])),
             constraint.JointAccelerationConstraint(np.column_stack([-acceleration, acceleration])),
-        ],
+        ]
+    instance = algorithm.TOPPRA(
+        bounds,
         path,
         gridpoints=np.linspace(0.0, 1.0, 101),
         solver_wrapper="seidel",

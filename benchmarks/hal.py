@@ -1,7 +1,8 @@
 """What the way from controller to joint costs, for TALOS' upper body at 500 Hz: ``handrail bench hal``. About 40 s.
 
-- the daemon's bus work in lock-step: the real loop runs in this process against a plant of its own process; timed is what it does
-  between a reply that waits in the socket and the next command in the bus's hands (receive, decode, encode, send), not the waiting;
+- the daemon's bus work in lock-step: the real loop runs in this process against a plant of its own process; timed is the CPU time
+  that it takes to receive, decode, encode and send, system calls included, the waiting not (by the wall clock, a send that wakes
+  the plant on the core that they share would count the plant's turn);
 - the plant alone: physics, drives and their 5 kHz firmware, without a bus;
 - the whole stack in lock-step: plant, loop and server as processes, a subscriber to all events; holding, and moving an arm under
   end conditions that need the estimated contact force.
@@ -12,7 +13,6 @@ Figures are medians over turns, since machines have moods.
 from __future__ import annotations
 
 import gc
-import select
 import shutil
 import sys
 import tempfile
@@ -21,10 +21,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.rows import Row
 from daemon.gains import joint_damping
@@ -98,43 +96,28 @@ def _processes(*names: str) -> Iterator[Runtime]:
 # ---------------------------------------------------------------------------------------------------------- bus work
 
 
-class _PatientPort:
-    """A port that waits for frames first and reads then, and knows how long it has waited."""
-
-    def __init__(self, port: HubPort):
-        self._port = port
-        self._poll = select.poll()
-        self._poll.register(port, select.POLLIN)
-        self.waited_ns = 0
-
-    def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
-        began = time.perf_counter_ns()
-        self._poll.poll(timeout_s * 1000)
-        self.waited_ns += time.perf_counter_ns() - began
-        return self._port.receive()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._port, name)
-
-
 class _TimedHardware(Hardware):
-    """Hardware that tells what each cycle's reading and writing took."""
+    """Hardware that tells what each cycle's reading and writing took of the thread's CPU time.
 
-    def __init__(self, description: RobotDescription, port: _PatientPort, protocol: LimbProtocol):
+    That counts the system calls, too, and whatever interrupts the kernel accounts to this thread; it does not count the waiting,
+    nor the plant's turn, which begins on the same core while the loop is still in the call that sends.
+    """
+
+    def __init__(self, description: RobotDescription, port: HubPort, protocol: LimbProtocol):
         super().__init__(description, port, protocol)
         self.took_ns: list[int] = []
-        self._patient, self._reading_ns = port, 0
+        self._reading_ns = 0
 
     def read(self, wait_s: float = 0.0) -> bool:
-        began, waited = time.perf_counter_ns(), self._patient.waited_ns
+        began = time.thread_time_ns()
         done = super().read(wait_s)
-        self._reading_ns += time.perf_counter_ns() - began - (self._patient.waited_ns - waited)
+        self._reading_ns += time.thread_time_ns() - began
         return done
 
     def write(self, command: JointCommand | None, cycle: int) -> None:
-        began = time.perf_counter_ns()
+        began = time.thread_time_ns()
         super().write(command, cycle)
-        self.took_ns.append(self._reading_ns + time.perf_counter_ns() - began)
+        self.took_ns.append(self._reading_ns + time.thread_time_ns() - began)
         self._reading_ns = 0
 
 
@@ -144,7 +127,7 @@ def _bus_rows() -> list[Row]:
     warm_up(kinematics)
     with _processes("plant") as runtime:
         port = HubPort(runtime.bus, [channel.name for channel in description.channels], name="daemon")
-        hardware = _TimedHardware(description, _PatientPort(port), protocol)
+        hardware = _TimedHardware(description, port, protocol)
         core = SharedCore(port.hub_process)
         loop = Loop(hardware, kinematics, True, runtime, core)
         try:
@@ -163,7 +146,7 @@ def _bus_rows() -> list[Row]:
             loop.close()
             gc.unfreeze()
     p50, p99 = np.percentile(np.array(hardware.took_ns) / 1e3, (50, 99))
-    what = "bus work of a cycle: receive, decode, encode, send"
+    what = "the loop's CPU time for the bus in a cycle: receive, decode, encode, send"
     return [
         _row(f"{what}, median", float(p50), "µs", at_most=50.0),
         _row(f"{what}, p99", float(p99), "µs", at_most=120.0),

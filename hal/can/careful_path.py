@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import transit
 from hal.can.alarm import Alarm
+from hal.can.bus_state import NEVER
 from hal.can.frames import EXTENDED
 from hal.can.quick_path import MOST_NODES, QuickPath
 from hal.can.traffic import Traffic
@@ -74,7 +74,7 @@ class CarefulPath:
         if self._cycle is not None or (left is not None and left <= 0.0):
             return left if left is None else max(0.0, left)  # in lock-step the clock moves only between two calls
         when = self._traffic.next_event()
-        until_event = None if when == transit.NEVER else when - clock()
+        until_event = None if when == NEVER else when - clock()
         until_deadline = None if left is None else int(left * 1e9)
         alarm.set(min((d for d in (until_event, until_deadline) if d is not None), default=None))
         return None

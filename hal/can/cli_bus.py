@@ -34,13 +34,13 @@ def up(
 
     Exit status 0: ended as asked; 1: it can't be started.
     """
-    from hal.can import hub  # its compiled kernels cost half a second, which the other verbs needn't wait for
+    from hal.can import hub_process  # its compiled kernels cost half a second, which the other verbs needn't wait for
 
     arguments = ["--channels", channels, "--bitrate", str(bitrate), "--data-bitrate", str(data_bitrate)]
     arguments += ["--timing"] * timing
     arguments += ["--faults", str(faults)] if faults else []
     arguments += ["--runtime", str(runtime)] if runtime else []
-    hub.main(arguments)
+    hub_process.main(arguments)
 
 
 @on_a_bus

@@ -7,32 +7,27 @@ counted on the hub's clock; frames are passed on at once (hal.can.quick_path).
 
 With bit timing on, frames wait in their sender's FIFO, go out as the arbitration lets them, and are passed on when they end. So
 do they while a fault is on the bus, though then only a babbling node makes them take their time (hal.can.careful_path).
-
-    python -m hal.can.hub --runtime DIR --channels can0,can1      a bus without a robot, for tests and tools
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import select
-import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import control, faults, wire
+from hal.can import wire
 from hal.can.alarm import Alarm
 from hal.can.careful_path import CarefulPath
 from hal.can.control import BusReport, NodeState
 from hal.can.faults import Fault
 from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK
+from hal.can.hub_control import answer
 from hal.can.hub_report import ChannelStatistics, Reporter
 from hal.can.members import Members
 from hal.can.node import Node
@@ -40,11 +35,7 @@ from hal.can.quick_path import CAPACITY, MOST_NODES, QuickPath
 from hal.can.tally import Tally
 from hal.can.timing import BusTiming
 from hal.can.traffic import Traffic
-from hal.realtime import RealTime
-from handrail.config import ConfigError
-from handrail.runtime import Runtime
 
-_PRIORITY = 60  # below plant and daemon
 _TURN = 16
 """Datagrams that one poll takes from one node, so that a flood from one can't starve the others."""
 _SPARED = 8
@@ -321,7 +312,9 @@ class Hub:
             if size and not (node.greeted and not node.control):
                 datagram = bytes(inbox[BYTES * n : BYTES * n + size])
                 if node.greeted:
-                    self._serve(node, datagram)
+                    # Who asks without reading the answers gets none.
+                    with contextlib.suppress(OSError):
+                        node.connection.send(answer(self, datagram))
                     continue
                 if self._greet(node, datagram):
                     continue
@@ -394,57 +387,3 @@ class Hub:
                 if node.outbound[bus] >= 0
             ),
         ]
-
-    def _serve(self, node: Node, datagram: bytes) -> None:
-        """Answer a request about the bus."""
-        answer: control.Answer
-        try:
-            match control.decode_request(datagram):
-                case control.GetBus():
-                    answer = self.report()
-                case control.GetNode(name=name):
-                    answer = control.NodeStates(nodes=self.node_states(name))
-                case control.AddFault(fault=fault):
-                    answer = control.FaultAdded(number=self.add_fault(fault))
-                case control.ClearFault(number=number):
-                    answer = control.FaultsCleared(count=self.clear_fault(number))
-        except (msgspec.DecodeError, ValueError) as error:
-            answer = wire.Sorry(reason=str(error))
-        # Who asks without reading the answers gets none.
-        with contextlib.suppress(OSError):
-            node.connection.send(wire.encode(answer))
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a hub by itself until SIGTERM or SIGINT."""
-    parser = argparse.ArgumentParser(prog="python -m hal.can.hub", description="A virtual CAN bus without a robot.")
-    parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
-    parser.add_argument("--channels", default="can0", help="channel names, separated by commas (default: can0)")
-    parser.add_argument("--bitrate", type=int, default=1_000_000, help="bit/s (default: 1000000)")
-    parser.add_argument(
-        "--data-bitrate", type=int, default=5_000_000, help="bit/s of CAN FD's data phase (default: 5000000)"
-    )
-    parser.add_argument("--timing", action="store_true", help="frames take the time that they would on a real bus")
-    parser.add_argument("--faults", help="YAML file of faults that lie on the bus from the start")
-    options = parser.parse_args(arguments)
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: sys.exit(0))
-    try:
-        channels = [BusTiming(name, options.bitrate, options.data_bitrate) for name in options.channels.split(",")]
-        script = faults.read(options.faults) if options.faults else []
-        hub = Hub(Runtime.at(options.runtime).bus, channels, timing=options.timing)
-        for fault in script:
-            hub.add_fault(fault)
-    except (ConfigError, OSError, ValueError) as error:
-        sys.exit(str(error))
-    if options.timing:  # a bus that sleeps through a frame's end has lost the time until it wakes
-        for warning in RealTime(priority=_PRIORITY).warnings:
-            print(f"hub: {warning}", file=sys.stderr)
-    print("hub ready", flush=True)
-    with contextlib.closing(hub):
-        while True:
-            hub.poll(None)
-
-
-if __name__ == "__main__":
-    main()

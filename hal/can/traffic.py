@@ -1,7 +1,8 @@
-"""The careful path of the hub: frames queue, take their time on the bus, and meet the faults that are laid on it.
+"""All that is under way on the hub's careful path: frames queue, take their time on the bus, and meet the faults laid on it.
 
 It is walked while the bus keeps bit timing, while a fault is there, and until the last trace of one is gone (an error counter, a
-frame that is held back). `transit` has the kernels, `confinement` the rules of error counters, `disturbance` the faults.
+frame that is held back). `queues` and `transit` have the kernels, `confinement` the rules of error counters, `disturbance` the
+faults.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import confinement, transit
+from hal.can import bus_state, confinement, queues, transit
 from hal.can.disturbance import Disturbance
 from hal.can.frames import RECORD, WORDS
 from hal.can.tally import Tally
@@ -33,7 +34,7 @@ class Traffic:
         timing: frames take their time; fifo: frames that a node's transmit queue on one channel holds.
         """
         self.timing, self._fifo, self._channels = timing, fifo, range(len(channels))
-        self._state = transit.make(tallies.bitrates, tallies.totals, tallies.identifiers, len(names))
+        self._state = bus_state.make(tallies.bitrates, tallies.totals, tallies.identifiers, len(names))
         self.disturbance = Disturbance(self._state, [c.name for c in channels], names)
         self.careful = timing
         """False: nothing here has anything to do, and the hub's quick path is as good"""
@@ -42,26 +43,26 @@ class Traffic:
         self._timed = np.full(len(channels), timing)
         self._rooms = np.zeros(len(channels), np.int64)
         self._set_timed()
-        self._then = transit.NEVER
+        self._then = bus_state.NEVER
         self._warm(names)
 
     def _warm(self, names: list[str]) -> None:
         # Compile every kernel now: a bus that stops for that when its first fault comes would be a fault of its own.
-        s = transit.make(self._state.bitrates, self._state.totals.copy(), self._state.identifiers.copy(), len(names))
+        s = bus_state.make(self._state.bitrates, self._state.totals.copy(), self._state.identifiers.copy(), len(names))
         one, zero = np.zeros(WORDS, np.uint64), np.zeros(1, np.int64)
-        transit.put(s, one, zero, zero, 1, 0, self._rooms)
-        transit.run_all(s, 0, transit.NEVER, self._timed, np.zeros(WORDS, np.uint64), zero, 0)
-        transit.trim(s, self._fifo)
-        transit.flush(s, 0, 0)
+        queues.put(s, one, zero, zero, 1, 0, self._rooms)
+        transit.run_all(s, 0, bus_state.NEVER, self._timed, np.zeros(WORDS, np.uint64), zero, 0)
+        queues.trim(s, self._fifo)
+        queues.flush(s, 0, 0)
         transit.take_off(s, 0, 0)
-        transit.recessive(s, 0, 0)
-        transit.is_quiet(s)
+        bus_state.recessive(s, 0, 0)
+        queues.is_quiet(s)
         confinement.is_passive(s.counters, 0, 0)
 
     def join(self, number: int, channels: list[int]) -> None:
         """A node has come on these channels: error active, nothing to send."""
         s = self._state
-        s.counters[:, number], s.queue[:, number, transit.OVERFLOWS] = 0, 0
+        s.counters[:, number], s.queue[:, number, bus_state.OVERFLOWS] = 0, 0
         s.present[:, number] = False
         s.present[channels, number] = True
 
@@ -70,12 +71,12 @@ class Traffic:
         s = self._state
         for bus in self._channels:
             if not confinement.takes_part(s.counters, bus, number):
-                transit.flush(s, bus, number)
+                queues.flush(s, bus, number)
         s.present[:, number] = False
 
     def is_sending(self, number: int) -> bool:
         """A node, perhaps one that has gone, has frames in a queue."""
-        return bool(self._state.queue[:, number, transit.LENGTH].any())
+        return bool(self._state.queue[:, number, bus_state.LENGTH].any())
 
     def changed(self, now: int) -> None:
         """Nodes came or went, or faults did: they apply from now on."""
@@ -121,8 +122,8 @@ class Traffic:
         if self.disturbance and self.disturbance.next_event() <= now:
             self._apply(now)  # it has hit its last frame
         if not self.timing:
-            transit.trim(self._state, self._fifo)
-            if not self.disturbance and transit.is_quiet(self._state):
+            queues.trim(self._state, self._fifo)
+            if not self.disturbance and queues.is_quiet(self._state):
                 self.careful = False
         if k > 1 and len(self._channels) > 1:
             ended = out.view(RECORD)
@@ -131,7 +132,7 @@ class Traffic:
         return k
 
     def next_event(self) -> int:
-        """ns of the clock when `turn` has something to do again, if nobody sends; transit.NEVER: not by itself."""
+        """ns of the clock when `turn` has something to do again, if nobody sends; bus_state.NEVER: not by itself."""
         return min(self._then, self.disturbance.next_event()) if self.disturbance else self._then
 
     def of_node(self, number: int, bus: int) -> tuple[str, int, int, int, int]:
@@ -142,8 +143,8 @@ class Traffic:
             confinement.state(s.counters, bus, number),
             int(counters[confinement.TEC]),
             int(counters[confinement.REC]),
-            int(queue[transit.LENGTH]),
-            int(queue[transit.OVERFLOWS]),
+            int(queue[bus_state.LENGTH]),
+            int(queue[bus_state.OVERFLOWS]),
         )
 
     def _apply(self, now: int) -> None:
@@ -156,10 +157,10 @@ class Traffic:
     def _set_timed(self) -> None:
         """Which channels keep time, and how much a FIFO takes at once: where frames go at once, it is cut to size behind."""
         self._timed[:] = self.timing | self.disturbance.keeps_time()
-        self._rooms[:] = np.where(self._timed, self._fifo, transit.POOL)
+        self._rooms[:] = np.where(self._timed, self._fifo, bus_state.POOL)
 
     def _put(
         self, records: npt.NDArray[np.void], node: npt.NDArray[np.int64], marks: npt.NDArray[np.int64], when: int
     ) -> None:
         words = np.ascontiguousarray(records).view(np.uint64)
-        transit.put(self._state, words, node, marks, len(records), when, self._rooms)
+        queues.put(self._state, words, node, marks, len(records), when, self._rooms)

@@ -1,4 +1,4 @@
-"""Frames on their way: transmit queues, the wire, and the time that it takes.
+"""Frames on the wire, and the time that it takes.
 
 The hub's careful path, for a bus that keeps bit timing or is disturbed; without either the hub arbitrates whole batches at once
 (hal.can.arbitration). A channel is run up to a moment: what ends by then is delivered, what is on the wire then stays there, and
@@ -7,172 +7,54 @@ nobody who comes later can push it off.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from hal.can.arbitration import arbitration_field, bus_of, priority
+from hal.can.arbitration import arbitration_field, priority
+from hal.can.bus_state import (
+    BABBLE,
+    BAD,
+    BEGAN,
+    BUS_MASK,
+    CAN_ID,
+    CHANCE,
+    DROP,
+    END,
+    EXTENDED_ID,
+    HEAD,
+    HITS,
+    ID_MASK,
+    LEFT,
+    LENGTH,
+    MARK,
+    NEVER,
+    NEXT,
+    NODE,
+    READY,
+    RECESSIVE,
+    ROW,
+    TAIL,
+    TWICE,
+    catch_up,
+    recessive,
+)
 from hal.can.confinement import (
-    COLUMNS,
     ERROR_FRAME_BITS,
     OFF,
     OUTSIDE,
     PASSIVE_FROM,
     RESUME,
-    SEEN,
     SUSPEND_BITS,
     TEC,
     count_error,
     count_success,
     is_passive,
-    recover,
     takes_part,
 )
 from hal.can.frames import ESI, EXTENDED, FD, WORDS
+from hal.can.queues import flush, give_row, take_row
 from hal.can.tally import BUSY, ERRORS, FRAMES, FREE, count
 from hal.can.timing import frame_ns
-
-POOL = 32768
-"""Frames that may be on their way at once."""
-_RESERVE = 16  # one frame a channel, for babblers
-NEVER = 1 << 62
-"""ns, later than everything"""
-
-NEXT, NODE, READY, MARK = 0, 1, 2, 3
-DROP, TWICE, BABBLE = 1, 2, 4
-"""Marks of a queued frame: it is sent but reaches nobody · it is sent twice · it never was in a queue."""
-HEAD, TAIL, LENGTH, OVERFLOWS = 0, 1, 2, 3
-ROW, BEGAN, END, BAD, RECESSIVE = 0, 1, 2, 3, 4
-"""Columns of `wire`: the frame on it (−1: none), since when, until when, 1 if it will be destroyed; runs of 11 recessive bits."""
-BUS_MASK, CAN_ID, ID_MASK, EXTENDED_ID, LEFT, CHANCE, HITS = 0, 1, 2, 3, 4, 5, 6
-"""Columns of `errors`: channels as bits, identifier (−1: all), mask, 1: extended, frames left (−1: all), chance / 2^53, hits."""
-MOST_ERRORS = 16
-
-
-class State(NamedTuple):
-    """Everything about all channels. c channels, n nodes."""
-
-    bitrates: npt.NDArray[np.int64]
-    """(c, 2) nominal and data bit/s"""
-    totals: npt.NDArray[np.int64]
-    identifiers: npt.NDArray[np.int64]
-    pool: npt.NDArray[np.uint64]
-    """(POOL WORDS,) the frames"""
-    link: npt.NDArray[np.int64]
-    """(POOL, 4) of each: the one behind it in its queue, who sends it, from when (ns), marks"""
-    spare: npt.NDArray[np.int64]
-    """(POOL + 1,) free rows of the pool; the last element says how many"""
-    queue: npt.NDArray[np.int64]
-    """(c, n, 4) each node's transmit FIFO: first and last row (−1), length, frames refused or thrown away"""
-    counters: npt.NDArray[np.int64]
-    """(c, n, 6) hal.can.confinement"""
-    present: npt.NDArray[np.bool_]
-    """(c, n) who is on which channel"""
-    wire: npt.NDArray[np.int64]
-    """(c, 5)"""
-    babble: npt.NDArray[np.int64]
-    """(c, n, 3) identifier that a node babbles (−1: it does not), since when (ns), frames so far"""
-    errors: npt.NDArray[np.int64]
-    """(MOST_ERRORS, 7) faults that destroy frames on the wire"""
-    error_nodes: npt.NDArray[np.bool_]
-    """(MOST_ERRORS, n) whose frames each of them destroys"""
-    random: npt.NDArray[np.uint64]
-    """(MOST_ERRORS,) their random numbers' state"""
-
-
-def make(
-    bitrates: npt.NDArray[np.int64],
-    totals: npt.NDArray[np.int64],
-    identifiers: npt.NDArray[np.int64],
-    nodes: int,
-) -> State:
-    """Nothing on its way, no error, nobody present."""
-    channels = len(bitrates)
-    queue = np.zeros((channels, nodes, 4), np.int64)
-    queue[:, :, (HEAD, TAIL)] = -1
-    wire = np.zeros((channels, 5), np.int64)
-    wire[:, ROW] = -1
-    babble = np.zeros((channels, nodes, 3), np.int64)
-    babble[:, :, 0] = -1
-    spare = np.append(np.arange(POOL - 1, -1, -1), POOL)
-    return State(
-        bitrates=bitrates,
-        totals=totals,
-        identifiers=identifiers,
-        pool=np.zeros(POOL * WORDS, np.uint64),
-        link=np.zeros((POOL, 4), np.int64),
-        spare=spare,
-        queue=queue,
-        counters=np.zeros((channels, nodes, COLUMNS), np.int64),
-        present=np.zeros((channels, nodes), np.bool_),
-        wire=wire,
-        babble=babble,
-        errors=np.zeros((MOST_ERRORS, 7), np.int64),
-        error_nodes=np.zeros((MOST_ERRORS, nodes), np.bool_),
-        random=np.zeros(MOST_ERRORS, np.uint64),
-    )
-
-
-@njit(cache=True)
-def put(s, words, node, marks, n, ready, room):
-    """Queue n records at the time `ready` (ns); a FIFO takes `room` (c,) frames. What it does not take is counted."""
-    for bus in range(s.queue.shape[0]):
-        catch_up(s, bus, ready)
-    for row in range(n):
-        bus, who = bus_of(words, row), node[row]
-        if s.counters[bus, who, OFF] or s.queue[bus, who, LENGTH] >= room[bus] or s.spare[POOL] <= _RESERVE:
-            s.queue[bus, who, OVERFLOWS] += 1
-            continue
-        to = _take_row(s)
-        for i in range(WORDS):
-            s.pool[WORDS * to + i] = words[WORDS * row + i]
-        s.link[to, NEXT], s.link[to, NODE] = -1, who
-        s.link[to, READY], s.link[to, MARK] = ready, marks[row]
-        last = s.queue[bus, who, TAIL]
-        if last < 0:
-            s.queue[bus, who, HEAD] = to
-        else:
-            s.link[last, NEXT] = to
-        s.queue[bus, who, TAIL] = to
-        s.queue[bus, who, LENGTH] += 1
-
-
-@njit(cache=True)
-def trim(s, room):
-    """Throw away what stands behind the first `room` frames of every FIFO: a full FIFO takes nothing more."""
-    for bus in range(s.queue.shape[0]):
-        for who in range(s.queue.shape[1]):
-            extra = s.queue[bus, who, LENGTH] - room
-            if extra <= 0:
-                continue
-            last = s.queue[bus, who, HEAD]
-            for _ in range(room - 1):
-                last = s.link[last, NEXT]
-            row = s.link[last, NEXT]
-            while row >= 0:
-                following = s.link[row, NEXT]
-                _give_row(s, row)
-                row = following
-            s.link[last, NEXT], s.queue[bus, who, TAIL] = -1, last
-            s.queue[bus, who, LENGTH] = room
-            s.queue[bus, who, OVERFLOWS] += extra
-
-
-@njit(cache=True)
-def flush(s, bus, who):
-    """Throw a node's FIFO away, and take what it is sending off the wire."""
-    row = s.queue[bus, who, HEAD]
-    s.queue[bus, who, OVERFLOWS] += s.queue[bus, who, LENGTH]
-    while row >= 0:
-        following = s.link[row, NEXT]
-        if s.wire[bus, ROW] == row:
-            s.wire[bus, ROW] = -1
-        _give_row(s, row)
-        row = following
-    s.queue[bus, who, HEAD] = s.queue[bus, who, TAIL] = -1
-    s.queue[bus, who, LENGTH] = 0
 
 
 @njit(cache=True)
@@ -182,23 +64,10 @@ def take_off(s, bus, now):
     if row < 0:
         return
     if s.link[row, MARK] & BABBLE:
-        _give_row(s, row)
+        give_row(s, row)
     s.wire[bus, ROW] = -1
     s.totals[bus, BUSY] += max(0, now - s.wire[bus, BEGAN])
     s.totals[bus, FREE] = max(now, s.wire[bus, BEGAN])
-
-
-@njit(cache=True)
-def recessive(s, bus, now):
-    """Runs of 11 recessive bits that the channel has had until `now`: one at each frame's end, and those of idle time."""
-    idle = now - s.totals[bus, FREE] if s.wire[bus, ROW] < 0 else 0
-    return s.wire[bus, RECESSIVE] + max(0, idle) * s.bitrates[bus, 0] // 11_000_000_000
-
-
-@njit(cache=True)
-def catch_up(s, bus, now):
-    """Let time pass for the nodes that are bus-off on a channel."""
-    recover(s.counters, bus, recessive(s, bus, now))
 
 
 @njit(cache=True)
@@ -300,7 +169,7 @@ def _finish(s, bus, out, out_node, k):
         s.totals[bus, ERRORS] += 1
         count(s.pool, row, bus, took, 0, s.identifiers)
         if mark & BABBLE:
-            _give_row(s, row)
+            give_row(s, row)
         if count_error(s.counters, s.present, bus, who, s.wire[bus, RECESSIVE]):
             flush(s, bus, who)
         return k
@@ -321,7 +190,7 @@ def _finish(s, bus, out, out_node, k):
         s.queue[bus, who, LENGTH] -= 1
         if s.link[row, NEXT] < 0:
             s.queue[bus, who, TAIL] = -1
-    _give_row(s, row)
+    give_row(s, row)
     return k
 
 
@@ -384,7 +253,7 @@ def _try_in_vain(s, bus, until):
 @njit(cache=True)
 def _babbled(s, bus, who):
     """A row with the babbler's frame: classic, eight zero bytes, as a stuck controller sends."""
-    row = _take_row(s)
+    row = take_row(s)
     can_id = s.babble[bus, who, 0]
     flags = EXTENDED if can_id > 0x7FF else 0
     s.pool[WORDS * row : WORDS * (row + 1)] = np.uint64(0)
@@ -392,30 +261,3 @@ def _babbled(s, bus, who):
     s.link[row, NEXT], s.link[row, NODE], s.link[row, READY], s.link[row, MARK] = -1, who, 0, BABBLE
     s.babble[bus, who, 2] += 1
     return row
-
-
-@njit(cache=True)
-def _take_row(s):
-    s.spare[POOL] -= 1
-    return s.spare[s.spare[POOL]]
-
-
-@njit(cache=True)
-def _give_row(s, row):
-    s.spare[s.spare[POOL]] = row
-    s.spare[POOL] += 1
-
-
-@njit(cache=True)
-def is_quiet(s):
-    """Nothing on its way, and no node has an error on its account."""
-    if s.spare[POOL] != POOL:
-        return False
-    for bus in range(s.counters.shape[0]):
-        for who in range(s.counters.shape[1]):
-            for column in range(SEEN):
-                if s.counters[bus, who, column]:
-                    return False
-            if s.counters[bus, who, OUTSIDE]:
-                return False
-    return True

@@ -113,7 +113,7 @@ def bench(folder: Path) -> Iterator[Callable[..., Bench]]:
 
 @contextlib.contextmanager
 def _hub_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "hal.can.hub", "--runtime", str(folder), "--channels", "can0,can1"]
+    command = [sys.executable, "-m", "hal.can.hub_process", "--runtime", str(folder), "--channels", "can0,can1"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "hub ready\n"

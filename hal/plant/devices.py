@@ -6,7 +6,7 @@ brings its firmware as a process on the bus.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +15,9 @@ import numpy.typing as npt
 from hal.device import DeviceState
 from hal.drives.lifecycle import DriveError, State
 from hal.plant.hands import Gripper
+from hal.plant.joint_port import JointPort
 from hal.plant.power import Battery
-from hal.plant.robot_body import BASE, JointState, RobotBody, motion_of
+from hal.plant.robot_body import BASE, RobotBody, motion_of
 from hal.plant.sensor_noise import Noise
 from hal.plant.sensors import ForceTorque, Imu
 
@@ -27,10 +28,8 @@ if TYPE_CHECKING:
 class DevicePlant:
     """All devices of one robot in a world. `state` is what was last measured, in hal.device's columns."""
 
-    def __init__(
-        self, body: RobotBody, drives: DriveNodes, velocity: npt.NDArray[np.float64], clock: Callable[[], int]
-    ):
-        """`velocity`: the array (n,) in which the world keeps the joints' velocities, rad/s; `clock`: its time, ns.
+    def __init__(self, body: RobotBody, drives: DriveNodes, clock: Callable[[], int]):
+        """`clock`: the world's time, ns.
 
         Raises ValueError for a force-torque sensor on a link that can't have one.
         """
@@ -44,7 +43,7 @@ class DevicePlant:
         self._imus: dict[int, Imu] = {}
         self._wrists: dict[int, ForceTorque] = {}
         self._drives = drives
-        self._velocity, self._clock = velocity, clock
+        self._clock = clock
         self._powered = self._had_power = self._sensing = True
         self._body = body
         for row, device in enumerate(self.devices):
@@ -63,10 +62,12 @@ class DevicePlant:
         self._at = {row: place for place, row in enumerate(joints)}
         self.joints = tuple(joints.values())
         """PyBullet's joints whose states the devices want to know"""
-        self.joint_states: Sequence[JointState] = body.joint_states(self.joints) if joints else ()
-        """of `joints`, now: whoever steps the world writes it"""
         links = {imu.carrier for imu in self._imus.values()} - {BASE}
         self._links = sorted(links.union(*(wrist.links for wrist in self._wrists.values())))
+
+    def attach(self, joints: JointPort) -> None:
+        """Read the joints there from now on; it has to watch `joints`."""
+        self._port = joints
 
     @property
     def powered(self) -> bool:
@@ -88,7 +89,7 @@ class DevicePlant:
     def measure(self, due: npt.NDArray[np.bool_] | None = None) -> DeviceState:
         """Measure everything, as the world stands now; batteries only where `due` (d,), if given. Returns `state`."""
         state, time_ns = self.state, self._clock()
-        values, joints = state.values, self.joint_states
+        values, joints = state.values, self._port.felt
         links = self._body.link_states(self._links) if self._links else {}
         for row, imu in self._imus.items():
             base = imu.carrier == BASE
@@ -101,7 +102,7 @@ class DevicePlant:
         for row, battery in self.batteries.items():
             if due is not None and not due[row]:
                 continue  # its charge falls over hours: what passed since it was last asked is enough
-            battery.draw(time_ns, float(actuators.spring_torque @ self._velocity), actuators.current)
+            battery.draw(time_ns, float(actuators.spring_torque @ self._port.velocity), actuators.current)
             battery.measure(values[row])
             self._look_at_power()
         self._noise.add(values)

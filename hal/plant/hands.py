@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from hal.drives.lifecycle import State
 from hal.plant.bullet import pybullet as p
-from hal.plant.robot_body import JointState, RobotBody
+from hal.plant.robot_body import RobotBody
 
 AMBIENT = 25.0
 """°C"""
@@ -108,9 +108,9 @@ class Gripper:
             velocityGain=1.0, force=effort, maxVelocity=max(speed, 1e-6), physicsClientId=self._body.client,
         )  # fmt: skip
 
-    def measure(self, joint: JointState, time_ns: int, values: npt.NDArray[np.float64]) -> None:
-        """Write hal.device's gripper columns, for the driven joint's state."""
-        position, velocity, _, effort = joint
+    def measure(self, joint: npt.NDArray[np.float64], time_ns: int, values: npt.NDArray[np.float64]) -> None:
+        """Write hal.device's gripper columns, for the driven joint's row of JointPort.felt."""
+        position, velocity, *_, effort = joint.tolist()
         enabled = self.state is State.OPERATION_ENABLED
         effort = effort if enabled else 0.0
         passed, self._measured_ns = (time_ns - self._measured_ns) * 1e-9, time_ns

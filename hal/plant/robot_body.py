@@ -22,8 +22,6 @@ Vector = tuple[float, ...]
 Motion = tuple[Vector, Vector, Vector, Vector, Vector]
 """of a link, in the world: its centre of mass m, its frame's position m and orientation (x, y, z, w), and its centre's velocity
 m/s and angular velocity rad/s"""
-JointState = tuple[float, float, Vector, float]
-"""PyBullet's: position, velocity, reaction (6,) where it is sensed, what its motor does"""
 LinkState = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]
 """PyBullet's: inertial frame's position and orientation in the world and in the link, the link's frame's in the world, velocity
 and angular velocity"""
@@ -110,11 +108,6 @@ class RobotBody:
         """
         carrier, placement = self._home[link]
         return self.links[carrier], placement[:3, 3].copy(), placement[:3, :3].copy()
-
-    def joint_states(self, joints: Sequence[int]) -> tuple[JointState, ...]:
-        """States of PyBullet's joints."""
-        states: tuple[JointState, ...] = p.getJointStates(self.number, joints, physicsClientId=self.client)
-        return states
 
     def link_states(self, links: Sequence[int]) -> dict[int, LinkState]:
         """States of PyBullet's links, without BASE: all in one, since PyBullet works out those of the whole body each time."""

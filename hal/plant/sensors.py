@@ -8,7 +8,7 @@ from numba import njit
 
 from hal.drives.borrowing import borrowed
 from hal.plant.bullet import pybullet as p
-from hal.plant.robot_body import JointState, LinkState, Motion, RobotBody, Vector
+from hal.plant.robot_body import LinkState, Motion, RobotBody, Vector
 from hal.plant.scene import quaternion
 
 GRAVITY = 9.81
@@ -122,11 +122,15 @@ class ForceTorque:
             p.enableJointForceTorqueSensor(self._body.number, self.carrier, on, physicsClientId=self._body.client)
 
     def measure(
-        self, joint: JointState, states: dict[int, LinkState], time_ns: int, values: npt.NDArray[np.float64]
+        self,
+        joint: npt.NDArray[np.float64],
+        states: dict[int, LinkState],
+        time_ns: int,
+        values: npt.NDArray[np.float64],
     ) -> None:
-        """Write hal.device's force_torque columns, for the states of the joint that carries the link and of `links`."""
+        """Write hal.device's force_torque columns, for the row of JointPort.felt of the link's joint and the states of `links`."""
         if self._mechanism is None:
-            _carry(joint[2], self._place, values)
+            _carry(joint, self._place, values)
         else:
             self._measure_mechanism(self._mechanism, states, time_ns, values)
 
@@ -142,12 +146,12 @@ class ForceTorque:
 
 
 @njit(cache=True)
-def _carry(wrench, place, values):  # type: ignore[no-untyped-def]
+def _carry(joint, place, values):  # type: ignore[no-untyped-def]
     """What a joint's reaction on a link, in the link's inertial frame at `place` (7,), means in the link's frame: its opposite."""
-    place, values = borrowed(place), borrowed(values)
+    joint, place, values = borrowed(joint), borrowed(place), borrowed(values)
     turn = (place[3], place[4], place[5], place[6])
-    fx, fy, fz = _turned(turn, wrench[:3])
-    tx, ty, tz = _turned(turn, wrench[3:])
+    fx, fy, fz = _turned(turn, (joint[2], joint[3], joint[4]))
+    tx, ty, tz = _turned(turn, (joint[5], joint[6], joint[7]))
     values[0], values[1], values[2] = -fx, -fy, -fz
     values[3] = -tx - (place[1] * fz - place[2] * fy)
     values[4] = -ty - (place[2] * fx - place[0] * fz)

@@ -19,6 +19,7 @@ from hal.plant.bodies import HINGE, is_loose, object_urdf
 from hal.plant.bullet import pybullet as p
 from hal.plant.devices import DevicePlant
 from hal.plant.drive_node import STEP_NS, DriveNodes
+from hal.plant.joint_port import JointPort
 from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.scene import EMPTY, Scene, Wheel
 from hal.plant.sensors import GRAVITY
@@ -46,10 +47,6 @@ class World:
         Raises KeyError for a posture that the robot has not.
         """
         self.description, self.scene = description, scene
-        self.position = description.home_position(posture)
-        """rad"""
-        self.velocity = np.zeros(len(description.joints))
-        """rad/s"""
         self.steps = 0
         self.contact_force = dict.fromkeys(scene.objects, 0.0)
         """object → N, sum of the normal forces between it and the robot, when it was last looked at"""
@@ -62,7 +59,7 @@ class World:
         self.robot = RobotBody(description, self._client, visual=visual)
         self._robot = self.robot.number
         self._rows = [self.robot.joints[joint] for joint in description.joints]
-        for joint, angle in zip(description.joints, self.position, strict=True):
+        for joint, angle in zip(description.joints, description.home_position(posture), strict=True):
             self.robot.place(joint, angle)
         self.floor = None if description.floor is None else self._lay_floor(description.floor)
         """PyBullet's number of the floor, if there is one"""
@@ -70,8 +67,11 @@ class World:
         self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
         self.drives = DriveNodes(description, Actuators.of(description))
-        self.devices = DevicePlant(self.robot, self.drives, self.velocity, lambda: self.time_ns)
-        self._watched = (*self._rows, *self.devices.joints)
+        self.devices = DevicePlant(self.robot, self.drives, lambda: self.time_ns)
+        self._joints = JointPort(self._robot, self._client, self._rows, self.devices.joints)
+        self.position, self.velocity = self._joints.position, self._joints.velocity
+        """rad, rad/s"""
+        self.devices.attach(self._joints)
         self.drives.actuators.relax(self.position)
         self.drives.actuators.set_position_gains(description.stiffness, self._damping())
         self._braked = np.zeros(len(self.position), np.bool_)
@@ -140,26 +140,16 @@ class World:
 
     def step(self, *, felt: bool = True) -> None:
         """Go on by 1 ms. felt: the devices can be measured then; without it PyBullet is spared what only they want to know."""
-        drives, client = self.drives, self._client
+        drives = self.drives
         self.devices.sense(felt)
         self.devices.work_power()
         torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
         if drives.brakes_moved:
             self._work_brakes()
-        p.setJointMotorControlArray(
-            self._robot, self._rows, p.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=client
-        )
-        p.stepSimulation(physicsClientId=client)
-        self._look_at_joints()
+        self._joints.step(torque)
         self.steps += 1
         if self.steps % _CONTACT_STEPS == 0:
             self._watch_contacts()
-
-    def _look_at_joints(self) -> None:
-        # All at once: PyBullet puts the whole body's state together each time.
-        states, n = self.robot.joint_states(self._watched), len(self._rows)
-        self.position[:], self.velocity[:], _, _ = zip(*states[:n], strict=True)
-        self.devices.joint_states = states[n:]
 
     def advance(self, steps: int) -> None:
         """Go on by `steps` ms."""
@@ -197,7 +187,7 @@ class World:
         """Put the joints at `position` rad (n,), at rest, and close the brakes there (for pictures and tests)."""
         for row, angle in zip(self._rows, position, strict=True):
             p.resetJointState(self._robot, row, angle, physicsClientId=self._client)
-        self._look_at_joints()
+        self._joints.look()
         self.drives.actuators.relax(self.position)
         self.drives.switch_off()
         self._braked[:] = False
@@ -258,6 +248,7 @@ class World:
     def close(self) -> None:
         """Free the physics."""
         if self._client >= 0:
+            self._joints.close()
             p.disconnect(self._client)
             self._client = -1
 

@@ -1,0 +1,63 @@
+"""Torques in, a step, and joints' states out: the fast way and the plain one."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from hal.plant.bullet import pybullet as p
+from hal.plant.joint_port import JointPort
+from hal.plant.world import World
+from handrail.robot import description
+
+
+def _port(world: World, *, native: bool) -> JointPort:
+    joints = world.robot.joints
+    return JointPort(
+        world.robot.number,
+        world.client,
+        [joints[joint] for joint in world.description.joints],
+        world.devices.joints,
+        native=native,
+    )
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the library's private symbols are not looked up")
+@pytest.mark.parametrize("name", ["talos_upper", "talos_upper_grippers", "panda"])
+def test_c_functions_and_python_functions_give_the_same_bits(name):
+    trace = {}
+    for native in (True, False):
+        world = World(description.load(name))
+        for joint in world.robot.joints.values():  # no brakes: all move
+            p.setJointMotorControl2(
+                world.robot.number, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=world.client
+            )
+        port = _port(world, native=native)
+        assert port.native == native
+        torque, rows = np.linspace(-3.0, 4.0, len(port.position)), []
+        for _ in range(30):
+            port.step(torque)
+            rows.append(np.concatenate([port.position, port.velocity, port.felt.ravel()]))
+        trace[native] = np.array(rows)
+        world.close()
+    assert np.abs(trace[True][-1] - trace[True][0]).max() > 1e-3  # it moved
+    assert trace[True].tobytes() == trace[False].tobytes()
+
+
+def test_a_look_sees_what_was_put_there_without_a_step(robot):
+    world = World(robot)
+    position = world.position + 0.01
+    world.place(position)
+    np.testing.assert_array_equal(world.position, position)
+    assert not world.velocity.any()
+    world.close()
+
+
+def test_a_closed_world_refuses_to_step(robot):
+    world = World(robot)
+    world.step()
+    world.close()
+    with pytest.raises(p.error, match="Not connected"):
+        world.step()

@@ -26,6 +26,9 @@ def relay(handrail_rig):
 def test_an_open_relay_takes_the_drives_power_and_they_come_back_only_when_they_are_enabled_anew(robot, relay):
     with pytest.raises(RefusedError, match="the robot is enabled: Disable first"):
         robot.daemon.call(m.SwitchRelay(power="supply", closed=False))
+    refused = relay("close", "--power", "suply")
+    assert refused.exit_code == 1
+    assert "sea_bench has no such power supply; field power, value suply, expected one such as supply" in refused.output
     refused = relay("open", "--power", "supply")
     assert refused.exit_code == 1 and "the robot is enabled: Disable first" in refused.output
     robot.plant.wait(0.2)
@@ -53,12 +56,6 @@ def test_an_open_relay_takes_the_drives_power_and_they_come_back_only_when_they_
     assert robot.move("elbow_joint", 0.1, 0.4) == "done"
 
 
-def test_the_command_says_which_robot_and_supply_it_misses(robot, relay, tmp_path):
+def test_the_command_says_that_no_robot_is_up(tmp_path):
     nobody = CliRunner().invoke(cli.app, ["relay", "open", "--runtime", str(tmp_path)])
     assert nobody.exit_code == 1 and "no robot is up in" in nobody.output
-    refused = relay("close", "--power", "suply")
-    assert (
-        refused.exit_code == 1
-        and "sea_bench has no such power supply; field power, value suply, expected one such as supply"
-        in refused.output
-    )

@@ -88,7 +88,7 @@ def _close(item: typed_fields.TypedField, sent: float, got: float) -> bool:
 
 
 @pytest.mark.parametrize(("name", "kind"), [(name, kind) for name in ALL for kind in messages(name).MESSAGES])
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(data=st.data())
 def test_what_is_encoded_is_what_cantools_reads_and_what_is_decoded(
     name: str, kind: type[TypedMessage], data: st.DataObject
@@ -142,7 +142,7 @@ def test_what_the_daemons_tables_encode_is_read_alike_and_the_other_way_round(na
 
 
 @pytest.mark.parametrize("name", [name for name in ALL if family.load(name).algorithm >= 0])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(data=st.data())
 def test_a_frame_with_a_flipped_bit_is_refused(name: str, data: st.DataObject) -> None:
     kinds = [kind for kind in messages(name).MESSAGES if "crc" in _entry(name, kind).message.fields]
@@ -161,7 +161,7 @@ def _entry(name: str, kind: type[TypedMessage]) -> typed_fields.Kind:
     return next(k for k in typed_fields.kinds(family.load(name)) if k.name == kind.__name__)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_any_frame_is_read_refused_or_none_of_a_familys(data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(ALL))

@@ -55,6 +55,19 @@ class Frame(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """rad"""
 
 
+class Block(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """A box that stands for a part of a link where it touches things."""
+
+    size: tuple[
+        Annotated[float, msgspec.Meta(gt=0)], Annotated[float, msgspec.Meta(gt=0)], Annotated[float, msgspec.Meta(gt=0)]
+    ]
+    """m"""
+    position: tuple[float, float, float]
+    """m, of its middle in the link's frame"""
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad"""
+
+
 class Model(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """Where the robot's URDF comes from, and what is done to it."""
 
@@ -70,6 +83,8 @@ class Model(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """links that are removed with all that hangs on them, as glob patterns"""
     tools: list[Tool] = []
     frames: list[Frame] = []
+    touches: dict[str, Annotated[list[Block], msgspec.Meta(min_length=1)]] = {}
+    """link → boxes that replace its collision shapes: a mesh collides as its convex hull, which fills what is hollow"""
 
 
 def models_folder(distribution: str) -> Path:
@@ -105,6 +120,8 @@ def assemble(model: Model, folder: Path | None = None) -> Path:
     _fix(root, model.fix)
     for tool in model.tools:
         _mount(root, tool)
+    for link, blocks in model.touches.items():
+        _touch(root, link, blocks)
     for frame in model.frames:
         _check_parent(root, f"model.frames: {frame.name}", frame.parent)
         root.append(ET.fromstring(f'<link name="{frame.name}"/>'))
@@ -114,6 +131,17 @@ def assemble(model: Model, folder: Path | None = None) -> Path:
         mesh.set("filename", name if "://" in name else str(source.parent / name))
     text = ET.tostring(root, encoding="utf-8")
     return _cached(text, f"{root.get('name', 'robot')}-{hashlib.sha256(text).hexdigest()[:16]}.urdf")
+
+
+def _touch(root: ET.Element, name: str, blocks: Sequence[Block]) -> None:
+    _check_parent(root, "model.touches", name)
+    link = next(link for link in root.findall("link") if link.get("name") == name)
+    for shape in link.findall("collision"):
+        link.remove(shape)
+    for block in blocks:
+        position, rpy, size = (" ".join(map(str, numbers)) for numbers in (block.position, block.rpy, block.size))
+        placed = f'<origin xyz="{position}" rpy="{rpy}"/><geometry><box size="{size}"/></geometry>'
+        link.append(ET.fromstring(f"<collision>{placed}</collision>"))
 
 
 def _source(model: Model, folder: Path | None) -> tuple[Path, Path]:

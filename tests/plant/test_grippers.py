@@ -103,6 +103,30 @@ def test_a_gripper_closes_on_a_box_holds_it_and_lets_go(hand):
     assert world.truth().poses_in_world["box"].position[2] < start[2] - 0.3
 
 
+@pytest.mark.parametrize(("along", "height"), [(0.105, 0.02), (0.12, 0.03)])
+def test_a_gripper_with_hollow_jaws_holds_a_small_box(tmp_path, along, height):
+    robot = description.load("z1")
+    palm = Kinematics(robot).frame(robot.home_position(), "gripperStator")
+    floor = {0.105: -0.0135, 0.12: -0.009}[along]  # the lower jaw's, there
+    at = palm.act(np.array([along, 0.0, floor + height / 2]))
+    (tmp_path / "box.yaml").write_text(
+        f"objects:\n  box:\n    kind: box\n    pose_in_world: {{position: {at.tolist()},"
+        f" orientation: {list(scene.quaternion(palm.rotation))}}}\n    size: [0.03, 0.03, {height}]\n    mass: {MASS}\n"
+        "    friction: 0.8\n"
+    )
+    world = World(robot, scene.load(tmp_path / "box.yaml"))
+    world.devices.grippers[0].place(-0.9)
+    _floating(world, 20)
+    assert world.truth().poses_in_world["box"].position == pytest.approx(at.tolist(), abs=1e-3), "there is room for it"
+    world.devices.command(0, _command(0.0, 1.0, 10.0))
+    _floating(world, 1000)
+    gripped = world.truth().poses_in_world["box"].position
+    world.advance(1000)
+    assert world.truth().poses_in_world["box"].position == pytest.approx(gripped, abs=3e-3)
+    assert world.devices.measure().values[0][POSITION] < -0.1, "it is between the jaws"
+    world.close()
+
+
 @pytest.mark.parametrize(("name", "gripper", "opened", "closed"), [*HANDS, ONE_FINGERED])
 def test_an_empty_gripper_moves_at_the_commanded_speed_with_its_linkage_in_step(name, gripper, opened, closed):
     robot = description.load(name)

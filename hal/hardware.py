@@ -50,11 +50,16 @@ class Goal(enum.Enum):
 class DriveProtocol(Protocol):
     """A drive family's frames (hal.drives.protocol.LimbProtocol)."""
 
-    def encode_commands(
-        self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]
+    def encode_cycle(
+        self,
+        command: JointCommand | None,
+        controlwords: npt.NDArray[np.uint8],
+        devices: DeviceCommand,
+        cycle: int,
+        sequence: int,
+        watchdog: int,
+        out: npt.NDArray[np.void],
     ) -> int: ...
-
-    def encode_control(self, controlwords: npt.NDArray[np.uint8], sequence: int, out: npt.NDArray[np.void]) -> int: ...
 
     def encode_sync(self, cycle: int, out: npt.NDArray[np.void]) -> int: ...
 
@@ -63,15 +68,6 @@ class DriveProtocol(Protocol):
     def decode_status(
         self, records: npt.NDArray[np.void], n: int, state: JointState, devices: DeviceState | None = None
     ) -> tuple[int, int]: ...
-
-    def encode_devices(
-        self,
-        command: DeviceCommand,
-        due: npt.NDArray[np.bool_],
-        sequence: int,
-        watchdog: int,
-        out: npt.NDArray[np.void],
-    ) -> int: ...
 
     def encode_request(
         self, joint: int, index: int, value: float | None, sequence: int, out: npt.NDArray[np.void]
@@ -239,19 +235,17 @@ class Hardware:
         """
         self._sequence = (self._sequence + 1) & 0xFF
         out = self._out
-        if command is not None and self.goal is Goal.OPERATIONAL and self.operational:
-            count = self._protocol.encode_commands(command, self._sequence, self._watchdog, out)
-        else:
+        if command is not None and not (self.goal is Goal.OPERATIONAL and self.operational):
+            command = None
+        if command is None:
             self._next_controlwords()
-            count = self._protocol.encode_control(self._controlwords, self._sequence, out)
-        if np.count_nonzero(self.device_command.commanded):
-            due = cycle % self._protocol.every == 0
-            count += self._protocol.encode_devices(
-                self.device_command, due, self._sequence, self._watchdog, out[count:]
-            )
-        if not self._identified:
+        count = self._protocol.encode_cycle(
+            command, self._controlwords, self.device_command, cycle, self._sequence, self._watchdog, out
+        )
+        if not self._identified:  # Sync goes last
+            count -= len(self.counters)
             count += self._ask_who(out[count:])
-        count += self._protocol.encode_sync(cycle, out[count:])
+            count += self._protocol.encode_sync(cycle, out[count:])
         # More words than cycles: another process's Sync moved the plant, too. The next word is this cycle's.
         self._ticks_due = max(self._ticks_due, self._ticks) + 1
         self._port.send(out[:count])

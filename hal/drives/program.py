@@ -1,4 +1,4 @@
-"""A robot's network as tables: every message of its limbs' and devices' families, ready for the kernels (hal.drives.kernels)."""
+"""A robot's network as tables: every message of its limbs' and devices' families, ready for the kernels (hal.drives.signals)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from hal.can.frames import EXTENDED
 from hal.drives import fields
 from hal.drives.family import Family, Message, Signal, load, number, placeholders, signal_of, table
 from hal.drives.fields import FRAME_COLUMNS, OP_COLUMNS, Field, Role
-from hal.drives.kernels import LOGS, LOOKUP_COLUMNS, RAWS, log2_nearly, packed
 from hal.drives.lifecycle import Command
+from hal.drives.signals import LOGS, LOOKUP_COLUMNS, RAWS, log2_nearly, packed
 from hal.joint import Mode
 
 TABLE_SIZE = 256
 _SYNC_FAMILY = "limb_fd"
 """whose Sync and HoldTime the host sends where no family of the robot has its own"""
-_MODE_FIELDS = {mode.name.lower() for mode in Mode}
+_ADDRESSED = (Role.CONTROL, Role.COMMAND, Role.DEVICE_COMMAND, Role.STATUS, Role.MASTER_STATUS)
 
 
 class Program:
@@ -93,12 +93,15 @@ class Program:
         frame[fields.HEAD], frame[fields.ROLE] = layout.head | bus << 48, int(role)
         frame[fields.BYTES], frame[fields.ENTITY], frame[fields.ALGORITHM] = layout.length, entity, family.algorithm
         frame[fields.SEQUENCE] = frame[fields.TIME] = frame[fields.CRC] = frame[fields.PAYLOAD] = -1
+        frame[fields.MEMBERS], frame[fields.EVERY] = -1, family.every
         for field, column, signal in _in_order(message, role):
             named = "axis" in placeholders(signal.signal)
             spread = named or field in (Field.SEQUENCE, Field.TEMPERATURE, Field.MODE, Field.WATCHDOG)
             for axis, member in enumerate(members if spread else members[:1]):
                 own = {**numbers, "axis": axis} if named else numbers
                 at = self._op(layout, field, member, column, signal, own)
+                if field is Field.SEQUENCE and frame[fields.MEMBERS] < 0:
+                    frame[fields.MEMBERS] = at
                 place = {Field.SEQUENCE: fields.SEQUENCE, Field.TIME: fields.TIME, Field.CRC: fields.CRC}.get(field)
                 if place is not None and frame[place] < 0 and signal.signal:
                     frame[place] = at
@@ -186,7 +189,10 @@ class Program:
         self.long_ids: npt.NDArray[np.int64] = np.array(
             [sorted(long_ids), [long_ids[key] for key in sorted(long_ids)]], np.int64
         )
-        self.code = packed(self.frames, self.ops, self.scales, self.lookups, self.ids, self.long_ids, self.payloads)
+        spans = np.array([self._spans[role] for role in Role], np.int64)
+        self.code = packed(
+            self.frames, self.ops, self.scales, self.lookups, self.ids, self.long_ids, self.payloads, spans
+        )
         """all tables as the kernels take them"""
 
 
@@ -194,10 +200,8 @@ def _in_order(message: Message, role: Role) -> list[tuple[Field, int, Signal]]:
     """(field, column, signal) in the order in which kernels must work through them."""
     found = [(Field[key.upper()], 0, signal_of(given)) for key, given in message.fields.items()]
     found += [(Field.COLUMN, column, signal_of(given)) for column, given in enumerate(message.columns.values())]
-    if role in (Role.STATUS, Role.MASTER_STATUS, Role.COMMAND) and all(
-        field is not Field.SEQUENCE for field, _, _ in found
-    ):
-        found.append((Field.SEQUENCE, 0, Signal()))  # marks the joints as heard
+    if role in _ADDRESSED and all(field is not Field.SEQUENCE for field, _, _ in found):
+        found.append((Field.SEQUENCE, 0, Signal()))  # marks the joints or the device as heard
     if role is Role.COMMAND and all(field is not Field.MODE for field, _, _ in found):
         found.append((Field.MODE, 0, Signal(constant=int(Mode.IMPEDANCE))))
     return sorted(found, key=lambda entry: (entry[0], entry[1]))

@@ -13,15 +13,20 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.can import frames
-from hal.device import DeviceCommand, DeviceState
-from hal.drives import kernels
+from hal.device import COMMANDED, DeviceCommand, DeviceState
+from hal.drives import drive_side, host_side
 from hal.drives.fields import ENTITY, Field, Role
+from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, encode_parameter
 from hal.drives.parameters import ParameterResult
 from hal.drives.program import Program
 from hal.joint import JointCommand, JointState
 
-_PARAMETER_COLUMNS = 8
-_REPLIES = 3
+WATCHDOG_CYCLES = 20
+"""host cycles without a command after which a node that nobody told otherwise stops"""
+
+_CONTROLS, _COMMANDS, _DEVICES = 1 << Role.CONTROL, 1 << Role.COMMAND, 1 << Role.DEVICE_COMMAND
+_SYNCS, _HOLDS = 1 << Role.SYNC, 1 << Role.HOLD_TIME
+_MOVE, _POLL = _COMMANDS | _DEVICES | _SYNCS, _CONTROLS | _DEVICES | _SYNCS
 
 
 @dataclass(frozen=True)
@@ -51,53 +56,61 @@ class ParameterReply:
 class DriveTargets:
     """What drives and devices were told by the frames of one `LimbProtocol.decode`; arrays have one row a joint (or device)."""
 
-    def __init__(self, n: int, devices: int = 0):
+    def __init__(self, n: int, devices: int = 0, watchdog_cycles: int = WATCHDOG_CYCLES):
+        """watchdog_cycles: of drives and devices that the host tells none, 1..255."""
+        self.nodes = n + devices
+        """drives, then devices, as the rows of `flags` are"""
+        self.memory = np.zeros(drive_side.ROWS + self.nodes + (drive_side.FLAGS * self.nodes + 7) // 8, np.int64)
+        """everything below that the command and the devices' values are not, in one piece for kernels"""
+        self.memory[[drive_side.PATIENCE, drive_side.DRIVES, drive_side.NODES]] = watchdog_cycles, n, self.nodes
         self.command = JointCommand(n)
         """Last set-points received; stiffness N·m/rad, damping N·m·s/rad as quantised on the bus."""
-        self.flags = np.zeros((6, n), np.uint8)
-        self.commanded = self.flags[kernels.COMMANDED].view(np.bool_)
+        flags = self.memory[drive_side.ROWS + self.nodes :].view(np.uint8)
+        self.flags = flags[: drive_side.FLAGS * self.nodes].reshape(drive_side.FLAGS, self.nodes)
+        drives = self.flags[:, :n]
+        self.commanded = drives[drive_side.COMMANDED].view(np.bool_)
         """a command came in this batch"""
-        self.controlled = self.flags[kernels.CONTROLLED].view(np.bool_)
+        self.controlled = drives[drive_side.CONTROLLED].view(np.bool_)
         """a controlword came in this batch"""
-        self.controlword = self.flags[kernels.WORD]
+        self.answer = drives[drive_side.ANSWERS].view(np.bool_)
+        """the drives that owe an answer for this batch"""
+        self.owed = self.flags[drive_side.OWED].view(np.bool_)
+        """(nodes,) drives that owe an answer, and devices whose turn it is; whoever sends their frames clears it"""
+        self.controlword = drives[drive_side.WORD]
         """Last CiA 402 controlword received, low byte (hal.drives.lifecycle)."""
-        self.sequence = self.flags[kernels.ECHO]
+        self.sequence = drives[drive_side.ECHO]
         """Sequence number of the last frame received, to be echoed."""
-        self.watchdog = self.flags[kernels.WATCHDOG]
+        self.watchdog = drives[drive_side.WATCHDOG]
         """Host cycles without a command until quick stop, as last commanded; 0: the drive's own."""
         self.devices = DeviceCommand(devices)
         """Last commands received; `commanded`: one came in this batch"""
-        self.device_flags = np.zeros((6, devices), np.uint8)
-        self.devices.commanded = self.device_flags[kernels.COMMANDED].view(np.bool_)
-        self.device_watchdog = self.device_flags[kernels.WATCHDOG]
+        self.devices.commanded = self.flags[drive_side.COMMANDED, n:].view(np.bool_)
+        self.device_watchdog = self.flags[drive_side.WATCHDOG, n:]
         """Host cycles without a command until the device is disabled, as last commanded; 0: never."""
-        self.parameters = np.zeros((kernels.MOST_REQUESTS + 1, _PARAMETER_COLUMNS), np.int64)
-        self.host = self.parameters[kernels.MOST_REQUESTS]
-
-    @property
-    def answer(self) -> npt.NDArray[np.bool_]:
-        """(n,) the drives that owe an answer for this batch."""
-        return self.commanded | self.controlled
+        self.device_order = self.flags[drive_side.ORDER, n:]
+        """what the last command was taken for (hal.drives.order)"""
+        self.deaf = self.flags[drive_side.DEAF].view(np.bool_)
+        """(nodes,) drives and devices that frames do not reach"""
 
     @property
     def syncs(self) -> int:
         """Sync frames on channel 0 in this batch."""
-        return int(self.host[kernels.SYNCS])
+        return int(self.memory[drive_side.SYNCS])
 
     @property
     def cycle(self) -> int:
         """The host's cycle counter in the last Sync or HoldTime seen on channel 0."""
-        return int(self.host[kernels.CYCLE])
+        return int(self.memory[drive_side.CYCLE])
 
     @property
     def holds(self) -> int:
         """HoldTime frames on channel 0 in this batch."""
-        return int(self.host[kernels.HOLDS])
+        return int(self.memory[drive_side.HOLDS])
 
     @property
     def repeated(self) -> int:
-        """Commands so far that counted for nothing, since their sequence number did not go on."""
-        return int(self.host[kernels.REPEATED])
+        """Commands and controlwords so far that counted for nothing, since their sequence number did not go on."""
+        return int(self.memory[drive_side.REPEATED])
 
 
 class LimbProtocol:
@@ -113,17 +126,17 @@ class LimbProtocol:
         self.devices = tuple(device.name for device in description.devices)
         n, d = len(self.joints), len(self.devices)
         self._code = program.code
-        self._command, self._control = program.span(Role.COMMAND), program.span(Role.CONTROL)
-        self._sync, self._hold = program.span(Role.SYNC), program.span(Role.HOLD_TIME)
-        # Limbs that answer by themselves and limbs whose masters do are neighbours in the program.
-        self._status = program.span(Role.STATUS), program.span(Role.MASTER_STATUS)
-        self._device_command, self._device_status = program.span(Role.DEVICE_COMMAND), program.span(Role.DEVICE_STATUS)
-        self._requests, self._replies = program.span(Role.PARAMETER_REQUEST), program.span(Role.PARAMETER_REPLY)
-        self._clocks = np.full(n + d, np.nan)
         self._sent = -1
-        self._parameters = np.zeros((kernels.MOST_REQUESTS + 1, _PARAMETER_COLUMNS), np.int64)
-        self._counts = self._parameters[kernels.MOST_REQUESTS]
-        self._no_devices, self._device_sequence = DeviceState(d), np.zeros(d, np.uint8)
+        self._notes = np.zeros(host_side.NOTES + n + 2 * d, np.int64)
+        self._replies = self._notes[: host_side.REPLIES].reshape(MOST_PARAMETERS, PARAMETER_COLUMNS)
+        self._clocks = self._notes[host_side.NOTES :][: n + d].view(np.float64)
+        self._clocks[:] = np.nan
+        self._device_sequence = self._notes[host_side.NOTES + n + d :]
+        # What a batch leaves out.
+        self._no_command, self._no_words, self._no_joints = JointCommand(n), np.zeros(n, np.uint8), JointState(n)
+        self._no_commands, self._no_states = DeviceCommand(d), DeviceState(d)
+        self._nobody, self._senders = np.zeros(n + d, np.bool_), np.zeros(n + d, np.int64)
+        self._no_sequences = np.zeros(d, np.uint8)
         self.every = np.array([program.families[device.family].every for device in description.devices], np.int64)
         """(d,) host cycles from one frame of a device to the next"""
         family = [program.families[name] for name in program.joint_family]
@@ -131,65 +144,82 @@ class LimbProtocol:
         """(n,) what each joint's drive must say that it speaks; 0: drives of its family say nothing"""
         self.repeated = 0
         """answers so far whose sequence number did not go on: replays, and nodes that are stuck"""
-        self.frames_a_cycle = n + 2 * d + len(description.limbs) + 4 * len(description.channels) + kernels.MOST_REQUESTS
+        self.frames_a_cycle = n + 2 * d + len(description.limbs) + 4 * len(description.channels) + MOST_PARAMETERS
         """Records that the longest of this protocol's batches fills."""
-        self._views: list[tuple[npt.NDArray[np.void], npt.NDArray[np.uint64]]] = []
         self._scratch, self._seen = frames.empty(self.frames_a_cycle), DriveTargets(n, d)
-        self._fitting = self._heard = self._seen
+        self._fitting = self._seen
         self._warm(n, d)
 
-    def encode_commands(self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]) -> int:
-        """Write the joints' commands; returns how many frames. Values beyond the range of their signal saturate.
-
-        sequence: 0..255; watchdog: host cycles, 0..255. Raises ValueError naming joint and field for a value that is not
-        finite; nothing of `out` may be sent then.
-        """
-        self._sent = sequence & 0xFF
-        count = kernels.encode_commands(
-            self._words(out), *self._command, self._code, command.table, command.mode, self._sent,
-            min(max(watchdog, 0), 255),
-        )  # fmt: skip
-        if count < 0:
-            joint, field = divmod(-1 - count, 8)
-            name = Field(field).name.lower()
-            value = getattr(command, name)[joint]
-            raise ValueError(f"command: {name} of {self.joints[joint]}: {value}; expected a finite number")
-        return count
-
-    def encode_control(self, controlwords: npt.NDArray[np.uint8], sequence: int, out: npt.NDArray[np.void]) -> int:
-        """Write the joints' controlwords (n,); returns how many frames."""
-        self._sent = sequence & 0xFF
-        return kernels.encode_control(out.view(np.uint64), *self._control, self._code, controlwords, self._sent)
-
-    def encode_sync(self, cycle: int, out: npt.NDArray[np.void]) -> int:
-        """Write one Sync a channel; returns how many. They go last in a cycle."""
-        return kernels.encode_cycle(out.view(np.uint64), *self._sync, self._code, cycle)
-
-    def encode_hold_time(self, cycle: int, out: npt.NDArray[np.void]) -> int:
-        """Write one HoldTime a channel; returns how many."""
-        return kernels.encode_cycle(out.view(np.uint64), *self._hold, self._code, cycle)
-
-    def encode_devices(
+    def encode_cycle(
         self,
-        command: DeviceCommand,
-        due: npt.NDArray[np.bool_],
+        command: JointCommand | None,
+        controlwords: npt.NDArray[np.uint8],
+        devices: DeviceCommand,
+        cycle: int,
         sequence: int,
         watchdog: int,
         out: npt.NDArray[np.void],
     ) -> int:
-        """Write the commands of the devices that somebody commands and that are `due` (d,); returns how many.
+        """Write all that a host sends in a cycle: the joints' commands, or where there is none their controlwords (n,); the
+        commands of the devices that somebody commands and whose turn it is; last of all a Sync a channel. Returns how many frames.
 
-        Raises ValueError naming device and column for a value that is not finite; nothing of `out` may be sent then.
+        sequence: 0..255; watchdog: host cycles, 0..255. Values beyond the range of their signal saturate. Raises ValueError
+        naming joint and field, or device and column, for a value that is not finite; nothing of `out` may be sent then.
         """
-        count = kernels.encode_device_commands(
-            out.view(np.uint64), *self._device_command, self._code, command.values, command.commanded, due,
-            sequence & 0xFF, min(max(watchdog, 0), 255),
+        self._sent = sequence & 0xFF
+        if command is None:
+            return self._encode(_POLL, out, self._no_command, controlwords, devices, cycle, sequence, watchdog)
+        return self._encode(_MOVE, out, command, controlwords, devices, cycle, sequence, watchdog)
+
+    def encode_commands(self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]) -> int:
+        """Write the joints' commands only; as `encode_cycle`."""
+        self._sent = sequence & 0xFF
+        return self._encode(_COMMANDS, out, command, self._no_words, self._no_commands, 0, sequence, watchdog)
+
+    def encode_control(self, controlwords: npt.NDArray[np.uint8], sequence: int, out: npt.NDArray[np.void]) -> int:
+        """Write the joints' controlwords (n,) only; as `encode_cycle`."""
+        self._sent = sequence & 0xFF
+        return self._encode(_CONTROLS, out, self._no_command, controlwords, self._no_commands, 0, sequence, 0)
+
+    def encode_devices(
+        self, command: DeviceCommand, cycle: int, sequence: int, watchdog: int, out: npt.NDArray[np.void]
+    ) -> int:
+        """Write the devices' commands only; as `encode_cycle`."""
+        return self._encode(_DEVICES, out, self._no_command, self._no_words, command, cycle, sequence, watchdog)
+
+    def encode_sync(self, cycle: int, out: npt.NDArray[np.void]) -> int:
+        """Write one Sync a channel; returns how many. They go last in a cycle."""
+        return self._encode(_SYNCS, out, self._no_command, self._no_words, self._no_commands, cycle, 0, 0)
+
+    def encode_hold_time(self, cycle: int, out: npt.NDArray[np.void]) -> int:
+        """Write one HoldTime a channel; returns how many."""
+        return self._encode(_HOLDS, out, self._no_command, self._no_words, self._no_commands, cycle, 0, 0)
+
+    def _encode(
+        self,
+        roles: int,
+        out: npt.NDArray[np.void],
+        command: JointCommand,
+        controlwords: npt.NDArray[np.uint8],
+        devices: DeviceCommand,
+        cycle: int,
+        sequence: int,
+        watchdog: int,
+    ) -> int:
+        count: int = host_side.encode_host(
+            out, self._code, roles, command.memory, controlwords, devices.values, devices.commanded, cycle, sequence,
+            watchdog,
         )  # fmt: skip
-        if count < 0:
-            row, column = divmod(-1 - count, 16)
-            value = command.values[row, column]
-            raise ValueError(f"command: column {column} of {self.devices[row]}: {value}; expected a finite number")
-        return count
+        if count >= 0:
+            return count
+        joint, field = divmod(-1 - count, 8)
+        if joint < len(self.joints):
+            name = Field(field).name.lower()
+            value = getattr(command, name)[joint]
+            raise ValueError(f"command: {name} of {self.joints[joint]}: {value}; expected a finite number")
+        row, column = divmod(-1 - count - 8 * len(self.joints), COMMANDED)
+        value = devices.values[row, column]
+        raise ValueError(f"command: column {column} of {self.devices[row]}: {value}; expected a finite number")
 
     def decode_status(
         self, records: npt.NDArray[np.void], n: int, state: JointState, devices: DeviceState | None = None
@@ -201,21 +231,27 @@ class LimbProtocol:
         sent yet); the caller counts ages up once a cycle before this. Frames whose sequence number does not go on
         count for nothing, but in `repeated`.
         """
-        devices = self._no_devices if devices is None else devices
-        kernels.decode_status(
-            self._words(records), n, self._code, len(state), state.memory, len(devices), devices.memory,
-            self._device_sequence, self._clocks, self._sent, self._parameters,
-        )  # fmt: skip
-        good, refused, repeated = self._counts[:_REPLIES].tolist()
+        devices = self._no_states if devices is None else devices
+        good, refused, repeated = host_side.decode_status(
+            records,
+            n,
+            self._code,
+            len(self.joints),
+            state.memory,
+            len(self.devices),
+            devices.memory,
+            self._notes,
+            self._sent,
+        )
         self.repeated += repeated
         return good, refused
 
     def replies(self) -> list[ParameterReply]:
         """The parameter replies among the records of the last `decode_status`."""
-        count = int(self._counts[_REPLIES])
+        count = int(self._notes[host_side.REPLIES])
         return [
             ParameterReply(row[0], row[2], bool(row[3]), row[7], row[4], _float(row[5]))
-            for row in self._parameters[:count].tolist()
+            for row in self._replies[:count].tolist()
         ]
 
     def encode_request(
@@ -223,51 +259,54 @@ class LimbProtocol:
     ) -> int:
         """Write a request to read (`value` None) or write a parameter of a joint's drive; returns 1, or 0 when drives of its
         family have no parameters."""
-        limb = int(self.program.limb_of_joint[joint])
-        for f in range(*self._requests):
-            if self.program.frames[f, ENTITY] == limb:
-                row = (
-                    limb,
-                    int(self.program.axis_of_joint[joint]),
-                    index,
-                    int(value is not None),
-                    0,
-                    _bits(value or 0.0),
-                    0,
-                )
-                return self._encode_parameter(f, (*row, sequence & 0xFF), out)
-        return 0
+        limb, axis = int(self.program.limb_of_joint[joint]), int(self.program.axis_of_joint[joint])
+        row = (limb, axis, index, int(value is not None), 0, _bits(value or 0.0), 0, sequence & 0xFF)
+        return self._encode_parameter(Role.PARAMETER_REQUEST, row, out)
 
     def decode(
-        self, records: npt.NDArray[np.void], n: int, targets: DriveTargets, *, check_sequence: bool = True
+        self,
+        records: npt.NDArray[np.void],
+        n: int,
+        targets: DriveTargets,
+        cycle: int = -1,
+        *,
+        check_sequence: bool = True,
     ) -> tuple[int, int]:
         """Drive side: take the host's frames among the first n records into `targets`; returns (good, refused).
 
-        Of several frames to one limb the last counts. What came in this batch begins anew. `check_sequence`: a command whose
-        sequence number does not go on from that of the last frame counts for nothing. Targets without devices hear nothing
-        of what devices are told. Raises ValueError for targets of another robot.
+        Of several frames to one limb the last counts. What came in this batch begins anew. cycle: host cycles that have passed
+        on the drives' own clock; left out, as many as Syncs have come. `check_sequence`: a frame whose sequence number does not
+        go on (hal.drives.order) counts for nothing, and one that begins a stream does not switch a drive on. Targets without
+        devices hear nothing of what devices are told. Raises ValueError for targets of another robot.
         """
         if targets is not self._fitting:
-            self._fitting, self._heard = targets, self._devices_of(targets)
-        devices = self._heard
-        return kernels.decode_host(
-            self._words(records), n, self._code, targets.command.table, targets.command.mode, targets.flags,
-            devices.devices.values, devices.device_flags, targets.parameters, check_sequence,
-        )  # fmt: skip
+            self._check_fit(targets)
+        good, refused = drive_side.decode_host(
+            records,
+            n,
+            self._code,
+            targets.command.memory,
+            targets.devices.values,
+            targets.memory,
+            cycle,
+            check_sequence,
+        )
+        return good, refused
 
-    def _devices_of(self, targets: DriveTargets) -> DriveTargets:
-        """Whose devices are told what the batch says: kernels do not look how long an array is."""
-        heard = targets if len(targets.devices) else self._seen
-        if len(targets.command) != len(self.joints) or len(heard.devices) != len(self.devices):
+    def _check_fit(self, targets: DriveTargets) -> None:
+        """Kernels do not look how long an array is."""
+        joints, devices = len(self.joints), len(targets.devices)
+        if len(targets.command) != joints or devices not in (0, len(self.devices)):
             raise ValueError(
-                f"targets: room for {len(targets.command)} joints and {len(targets.devices)} devices; "
-                f"expected {len(self.joints)} and {len(self.devices)}, as the protocol has"
+                f"targets: room for {len(targets.command)} joints and {devices} devices; "
+                f"expected {joints} and {len(self.devices)}, as the protocol has"
             )
-        return heard
+        self._fitting = targets
 
     def requests(self, targets: DriveTargets) -> list[ParameterRequest]:
         """Drive side: the parameter requests of the last batch, to drives that there are."""
-        rows = targets.parameters[: int(targets.host[kernels.REQUESTS])].tolist()
+        count = int(targets.memory[drive_side.REQUESTS])
+        rows = targets.memory[drive_side.HOST : drive_side.ROWS].reshape(-1, PARAMETER_COLUMNS)[:count].tolist()
         joints = [(int(self.program.axis_joint[row[0], row[1]]) if row[1] < 16 else -1, row) for row in rows]
         return [
             ParameterRequest(joint, row[2], bool(row[3]), row[7], _float(row[5])) for joint, row in joints if joint >= 0
@@ -277,20 +316,33 @@ class LimbProtocol:
         self, request: ParameterRequest, result: ParameterResult, value: float, out: npt.NDArray[np.void]
     ) -> int:
         """Drive side: write the answer to a request; returns 1."""
-        for f in range(*self._replies):
-            if self.program.frames[f, ENTITY] == request.joint:
-                row = (
-                    request.joint,
-                    0,
-                    request.index,
-                    int(request.write),
-                    int(result),
-                    _bits(value),
-                    0,
-                    request.sequence,
-                )
-                return self._encode_parameter(f, row, out)
-        return 0
+        row = (
+            request.joint, 0, request.index, int(request.write), int(result), _bits(value), 0, request.sequence,
+        )  # fmt: skip
+        return self._encode_parameter(Role.PARAMETER_REPLY, row, out)
+
+    def encode_answers(
+        self,
+        owed: npt.NDArray[np.bool_],
+        state: JointState,
+        mode: npt.NDArray[np.uint8],
+        devices: DeviceState,
+        sequences: npt.NDArray[np.uint8],
+        time_ns: int,
+        out: npt.NDArray[np.void],
+        senders: npt.NDArray[np.int64],
+    ) -> int:
+        """Drive side: write the frames of the drives and devices that owe one (nodes,), and which they are into `senders`;
+        returns how many frames.
+
+        state.sequence is what drives echo; mode (n,): hal.joint.Mode in use; sequences (d,): of the devices, which are counted
+        up; time_ns: of the nodes' clock. Values beyond their signal's range saturate, and what is not finite is sent as 0 (a
+        broken sensor is reported by the error byte). A limb's master answers for all axes when its first one owes an answer.
+        """
+        count: int = drive_side.encode_answers(
+            out, self._code, owed, state.memory, mode, devices.values, sequences, time_ns // 1000 & 0xFFFFFFFF, senders
+        )
+        return count
 
     def encode_status(
         self,
@@ -300,19 +352,12 @@ class LimbProtocol:
         out: npt.NDArray[np.void],
         time_ns: int = 0,
     ) -> int:
-        """Drive side: write the answers of the joints whose `answer` (n,) is set; returns how many frames.
-
-        state.sequence is what is echoed; mode (n,): hal.joint.Mode in use; time_ns: of the drives' clock. Values beyond
-        their signal's range saturate, and what is not finite is sent as 0 (a broken sensor is reported by the error byte). A
-        limb's master answers for all axes when its first one owes an answer.
-        """
-        count = 0
-        for span in self._status:
-            if span[0] != span[1]:
-                words = self._words(out) if count == 0 else out[count:].view(np.uint64)
-                count += kernels.encode_status(
-                    words, *span, self._code, answer, state.memory, mode, time_ns // 1000 & 0xFFFFFFFF
-                )  # fmt: skip
+        """Drive side: write the answers of the joints whose `answer` (n,) is set; as `encode_answers`."""
+        self._nobody[: len(answer)] = answer
+        count = self.encode_answers(
+            self._nobody, state, mode, self._no_states, self._no_sequences, time_ns, out, self._senders
+        )
+        self._nobody[:] = False
         return count
 
     def encode_device_status(
@@ -323,11 +368,13 @@ class LimbProtocol:
         out: npt.NDArray[np.void],
         time_ns: int = 0,
     ) -> int:
-        """Device side: write what the devices that are `due` (d,) measured; returns how many. Counts their `sequences` up."""
-        return kernels.encode_device_status(
-            out.view(np.uint64), *self._device_status, self._code, state.values, due, sequences,
-            time_ns // 1000 & 0xFFFFFFFF,
-        )  # fmt: skip
+        """Device side: write what the devices that are `due` (d,) measured; as `encode_answers`."""
+        self._nobody[len(self.joints) :] = due
+        count = self.encode_answers(
+            self._nobody, self._no_joints, self._no_words, state, sequences, time_ns, out, self._senders
+        )
+        self._nobody[:] = False
+        return count
 
     def quantise(self, command: JointCommand, out: JointCommand | None = None) -> JointCommand:
         """What the drives will see of a command, in `out` (made when None). Raises ValueError as `encode_commands` does."""
@@ -339,30 +386,23 @@ class LimbProtocol:
         out.copy_from(self._seen.command)
         return out
 
-    def _words(self, records: npt.NDArray[np.void]) -> npt.NDArray[np.uint64]:
-        """The records as words; who works in the same array cycle by cycle has its view made once."""
-        for known, words in self._views:
-            if known is records:
-                return words
-        self._views = [(records, records.view(np.uint64)), *self._views[:1]]
-        return self._views[0][1]
-
-    def _encode_parameter(self, f: int, row: tuple[int, ...], out: npt.NDArray[np.void]) -> int:
-        return kernels.encode_parameter(out.view(np.uint64), f, self._code, np.array(row, np.int64))
+    def _encode_parameter(self, role: Role, row: tuple[int, ...], out: npt.NDArray[np.void]) -> int:
+        """Write the frame of this role of the limb or joint that a row begins with; 0 where its family has none."""
+        for f in range(*self.program.span(role)):
+            if self.program.frames[f, ENTITY] == row[0]:
+                count: int = encode_parameter(out, f, self._code, np.array(row, np.int64))
+                return count
+        return 0
 
     def _warm(self, n: int, d: int) -> None:
         """Compile every kernel with the types that it will be called with."""
-        out, state, words = frames.empty(self.frames_a_cycle), JointState(n), np.zeros(n, np.uint8)
-        due = np.zeros(d, np.bool_)
-        self.encode_control(words, 0, out)
-        self.encode_sync(0, out)
+        out = self._scratch
         self.quantise(JointCommand(n))
-        self.encode_devices(DeviceCommand(d), due, 0, 0, out)
-        self.encode_device_status(DeviceState(d), due, self._device_sequence, out)
-        for span in (self._requests, self._replies):
-            if span[0] != span[1]:
-                self._encode_parameter(span[0], (0,) * _PARAMETER_COLUMNS, out)
-        self.decode_status(out, self.encode_status(state, words, np.zeros(n, np.bool_), out), state)
+        count = self.encode_device_status(self._no_states, np.zeros(d, np.bool_), self._no_sequences, out)
+        self.decode_status(out, count, self._no_joints)
+        for role in (Role.PARAMETER_REQUEST, Role.PARAMETER_REPLY):
+            for f in range(*self.program.span(role))[:1]:
+                self._encode_parameter(role, (int(self.program.frames[f, ENTITY]), *[0] * (PARAMETER_COLUMNS - 1)), out)
         self._sent = -1
 
 

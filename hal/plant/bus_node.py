@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from hal.can import frames
-from hal.drives.fields import ENTITY, HEAD, Role
-from hal.drives.kernels import HEARD, REQUESTS
+from hal.drives import order
+from hal.drives.drive_side import COMMANDS, CONTROLS, HOLDS, REQUESTS, SYNCS, TOLD
+from hal.drives.fields import HEAD, Role
 from hal.drives.lifecycle import CONTROLWORD, Command, State, statusword
 from hal.drives.parameters import ParameterResult
 from hal.drives.protocol import DriveTargets, LimbProtocol, ParameterRequest
+from hal.drives.rows import joint_state
 from hal.joint import JointState
 from hal.plant.world import World
 
@@ -43,24 +46,19 @@ class BusNode:
             int(heads[protocol.program.span(role)[0]]) & 0xFFFFFFFF for role in (Role.SYNC, Role.HOLD_TIME)
         )
         """identifiers by which the host moves and holds time"""
-        self._targets = DriveTargets(n, d)
-        self._owed = np.zeros(n, np.bool_)
-        self._out = frames.empty(protocol.frames_a_cycle)
+        self._targets = DriveTargets(n, d, description.watchdog_cycles)
+        self._owed, self._due = self._targets.owed, self._targets.owed[n:]
+        self._out, self._senders = frames.empty(protocol.frames_a_cycle), np.zeros(n + d, np.int64)
         self._state = JointState(n)
         self._requests: list[ParameterRequest] = []
-        frames_of = [range(*protocol.program.span(role)) for role in (Role.STATUS, Role.MASTER_STATUS)]
-        self._answering = np.array([protocol.program.frames[f, ENTITY] for span in frames_of for f in span], np.int64)
-        span = range(*protocol.program.span(Role.DEVICE_STATUS))
-        self._sending = np.array([protocol.program.frames[f, ENTITY] for f in span], np.int64)
         families = protocol.program.families
         self._short_ladder = np.array(
             [families[family].short_ladder for family in protocol.program.joint_family], np.bool_
         )
-        self._patterns: dict[bytes, npt.NDArray[np.int64]] = {}
-        self._syncs = 0
-        self._due = np.zeros(d, np.bool_)
+        self._climbs_at_once = bool(self._short_ladder.any())
         self._sequences = np.zeros(d, np.uint8)
         self._heard = np.full(d, _NEVER, np.int64)
+        self._watched = False
         columns = [families[device.family].columns(Role.DEVICE_COMMAND) for device in devices]
         self._enable = np.array([names.index("enable") if "enable" in names else -1 for names in columns], np.int64)
 
@@ -69,65 +67,47 @@ class BusNode:
 
         deaf (names,): nodes that the bus keeps the frames from.
         """
-        targets, drives, owed = self._targets, self._drives, self._owed
-        self.refused += self._protocol.decode(records, len(records), targets)[1]
+        targets, drives, world = self._targets, self._drives, self._world
+        host = targets.memory
+        cycle = world.time_ns // world.description.period_ns
         if deaf is not None:
-            n = len(drives)
-            targets.controlled[deaf[:n]] = targets.commanded[deaf[:n]] = False
-            targets.devices.commanded[deaf[n:]] = False
-        if np.count_nonzero(targets.controlled):
+            targets.deaf[:] = deaf
+        self.refused += self._protocol.decode(records, len(records), targets, cycle)[1]
+        if deaf is not None:
+            targets.deaf[:] = False
+        if host[CONTROLS]:
             self._climb(targets)
             drives.control(targets.controlword, targets.controlled)
-            np.logical_or(owed, targets.controlled, out=owed)
-        if np.count_nonzero(targets.commanded):
+        if host[COMMANDS]:
             drives.command(targets.command, targets.commanded, targets.watchdog)
-            np.logical_or(owed, targets.commanded, out=owed)
-        if np.count_nonzero(targets.devices.commanded):
+        if host[TOLD]:
             for row in np.flatnonzero(targets.devices.commanded).tolist():
-                self._heard[row] = self._world.time_ns
-                self._devices.command(row, targets.devices.values[row])
-        if targets.host[REQUESTS]:
+                self._command_device(row)
+        if host[REQUESTS]:
             asked = self._protocol.requests(targets)
             self._requests += [request for request in asked if deaf is None or not deaf[request.joint]]
-        syncs = targets.syncs
-        if len(self._due):
-            for _ in range(syncs):
-                self._syncs += 1
-                self._due |= self._syncs % self._protocol.every == 0
-        return syncs, targets.holds
+        return int(host[SYNCS]), int(host[HOLDS])
 
     def answer(self) -> npt.NDArray[np.void]:
         """What is owed, as the world stands now: valid until the next call, sent by `senders`."""
-        self._watch_devices()
-        owed, out, count = self._owed, self._out, 0
-        senders = self._senders_of(owed, self._due)
-        if np.count_nonzero(owed):
+        if self._watched:
+            self._watch_devices()
+        out, count = self._out, 0
+        if np.count_nonzero(self._owed):
             self._look_at_drives()
-            count = self._protocol.encode_status(
-                self._state, self._drives.actuators.mode, owed, out, time_ns=self._world.time_ns
-            )
-            owed[:] = False
-        if np.count_nonzero(self._due):
-            state = self._devices.measure(self._due)
-            count += self._protocol.encode_device_status(
-                state, self._due, self._sequences, out[count:], time_ns=self._world.time_ns
-            )
-            self._due[:] = False
+            devices = self._devices
+            count = self._protocol.encode_answers(
+                self._owed, self._state, self._drives.actuators.mode,
+                devices.measure(self._due) if np.count_nonzero(self._due) else devices.state,
+                self._sequences, self._world.time_ns, out, self._senders,
+            )  # fmt: skip
+            self._owed[:] = False
+        self.senders = self._senders[:count]
         if self._requests:
-            replying = [senders]
+            replying = [self.senders]
             count += self._reply(out[count:], replying)
-            senders = np.concatenate(replying)
-        self.senders = senders
+            self.senders = np.concatenate(replying)
         return out[:count]
-
-    def _senders_of(self, owed: npt.NDArray[np.bool_], due: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-        """Who sends the frames of drives that owe an answer and of devices that are due; nearly always the same few patterns."""
-        pattern = owed.tobytes() + due.tobytes()
-        if pattern not in self._patterns:
-            drives = self._answering[owed[self._answering]]
-            devices = len(self._state) + self._sending[due[self._sending]]
-            self._patterns[pattern] = np.concatenate((drives, devices))
-        return self._patterns[pattern]
 
     def replies(self) -> npt.NDArray[np.void]:
         """Of what is owed, the answers to parameter requests, which need no step of the world; as `answer` gives them."""
@@ -159,16 +139,24 @@ class BusNode:
         return result, value
 
     def _look_at_drives(self) -> None:
-        state, drives = self._state, self._drives
-        actuators = drives.actuators  # as their sensors read, not as the world is
-        state.position[...], state.velocity[...] = actuators.measured_position, actuators.measured_velocity
-        state.torque[...], state.temperature[...] = actuators.measured_torque, drives.temperature
-        state.error[...], state.sequence[...] = drives.error, self._targets.sequence
-        np.bitwise_or(_STATUSWORDS[drives.state], drives.flags, out=state.status)
+        drives, actuators = self._drives, self._drives.actuators
+        _look(  # as their sensors read, not as the world is
+            self._state.memory, actuators.measured_position, actuators.measured_velocity, actuators.measured_torque,
+            drives.temperature, drives.state, drives.flags, drives.error, self._targets.sequence,
+        )  # fmt: skip
+
+    def _command_device(self, row: int) -> None:
+        """Let a device follow its command. One that begins a stream may be a late one: it enables nothing."""
+        values, enable = self._targets.devices.values[row], self._enable[row]
+        if enable >= 0:
+            self._heard[row], self._watched = self._world.time_ns, True
+            if self._targets.device_order[row] == order.FIRST:
+                values[enable] = 0.0
+        self._devices.command(row, values)
 
     def _climb(self, targets: DriveTargets) -> None:
         """Drives that know enabled and disabled only take the whole of CiA 402's ladder at once."""
-        if not self._short_ladder.any():
+        if not self._climbs_at_once:
             return
         enable = targets.controlword == CONTROLWORD[Command.ENABLE_OPERATION]
         rows = self._short_ladder & targets.controlled & enable
@@ -176,17 +164,22 @@ class BusNode:
             self._drives.control(np.full(len(rows), CONTROLWORD[command]), rows)
 
     def _watch_devices(self) -> None:
-        """Disable devices whose commands have stayed away for longer than their watchdog says.
-
-        Whoever commands them then may count from anywhere.
-        """
-        if not np.count_nonzero(self._heard >= 0):
-            return
+        """Disable devices whose commands have stayed away for longer than their watchdog says."""
         patience = self._targets.device_watchdog * np.int64(self._world.description.period_ns)
         late = (self._heard >= 0) & (patience > 0) & (self._world.time_ns - self._heard > patience)
         self._heard[late] = _NEVER
-        self._targets.device_flags[HEARD, late] = 0
-        for row in np.flatnonzero(late & (self._enable >= 0)).tolist():
+        self._watched = bool((self._heard >= 0).any())
+        for row in np.flatnonzero(late).tolist():
             values = self._targets.devices.values[row]
             values[self._enable[row]] = 0.0
             self._devices.command(row, values)
+
+
+@njit(cache=True)
+def _look(memory, position, velocity, torque, temperature, state, flags, error, sequence):  # type: ignore[no-untyped-def]
+    """Fill a JointState's memory with what the drives say of themselves."""
+    table, _, status, octets = joint_state(memory, state.shape[0])
+    for j in range(state.shape[0]):
+        table[0, j], table[1, j], table[2, j], table[3, j] = position[j], velocity[j], torque[j], temperature[j]
+        status[j] = _STATUSWORDS[state[j]] | flags[j]
+        octets[0, j], octets[1, j] = error[j], sequence[j]

@@ -301,9 +301,7 @@ def _network(world: World) -> Iterator[Row]:
     busiest = np.zeros(len(description.channels))
     for cycle in range(_CYCLES):
         count = protocol.encode_commands(command, cycle, description.watchdog_cycles, out)
-        count += protocol.encode_devices(
-            devices, cycle % protocol.every == 0, cycle, description.watchdog_cycles, out[count:]
-        )
+        count += protocol.encode_devices(devices, cycle, cycle, description.watchdog_cycles, out[count:])
         count += protocol.encode_sync(cycle, out[count:])
         ours = out[:count].copy()
         node.receive(ours)

@@ -191,12 +191,14 @@ def test_an_answer_with_a_flipped_bit_is_refused_and_ages(protocol: LimbProtocol
 def test_controlwords_reach_their_drives(protocol: LimbProtocol, database: Database) -> None:
     out, targets = frames.empty(8), DriveTargets(_N)
     words = np.arange(_N, dtype=np.uint8) + 3
+    protocol.decode(out, protocol.encode_control(words, 199, out), targets)
     count = protocol.encode_control(words, 200, out)
     assert protocol.decode(out, count, targets) == (3, 0)
     assert np.array_equal(targets.controlword, words) and set(targets.sequence) == {200}
     assert targets.controlled.all() and not targets.commanded.any()
     values = database.decode_message(int(out["can_id"][2]), out["data"][2].tobytes()[:12], decode_choices=False)
     assert [values[f"Controlword_{axis}"] for axis in range(7)] == [17, 18, 19, 20, 0, 0, 0]
+    protocol.encode_control(words, 201, out)
     out["data"][0, 0] ^= 1
     assert protocol.decode(out, count, targets) == (2, 1)
     assert targets.controlled.sum() == _N - 7

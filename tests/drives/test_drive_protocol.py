@@ -112,15 +112,6 @@ def test_a_command_that_repeats_neither_moves_a_drive_nor_counts_as_heard(protoc
     assert protocol.decode(out, count, targets) == (2, 0) and targets.commanded.all()
 
 
-def test_controlwords_of_a_host_that_begins_anew_are_always_heard(protocol: LimbProtocol) -> None:
-    out, targets = frames.empty(protocol.frames_a_cycle), DriveTargets(_N)
-    protocol.decode(out, protocol.encode_commands(JointCommand(_N), 200, 20, out), targets)
-    protocol.decode(out, protocol.encode_control(np.full(_N, 6, np.uint8), 0, out), targets)
-    assert targets.controlled.all()
-    protocol.decode(out, protocol.encode_commands(JointCommand(_N), 1, 20, out), targets)
-    assert targets.commanded.all()
-
-
 def test_a_time_of_measurement_is_the_arrival_but_for_what_a_frame_was_late(protocol: LimbProtocol) -> None:
     out, state = frames.empty(protocol.frames_a_cycle), JointState(_N)
     clock_offset_ns, least_ns = 123_456_000, 70_000
@@ -255,7 +246,7 @@ def test_targets_without_devices_hear_none_and_those_of_another_robot_are_refuse
     protocol = LimbProtocol(robot)
     out, command = frames.empty(protocol.frames_a_cycle), DeviceCommand(1)
     command.values[:], command.commanded[:] = 0.25, True
-    count = protocol.encode_devices(command, np.ones(1, np.bool_), 1, 20, out)
+    count = protocol.encode_devices(command, 0, 1, 20, out)
     assert count == 1
     deaf, hearing = DriveTargets(6), DriveTargets(6, 1)
     protocol.decode(out, count, deaf)

@@ -272,11 +272,15 @@ def test_a_gripper_command_that_comes_late_does_not_undo_the_stop() -> None:
         node.receive(late)
         assert gripper.state is not State.OPERATION_ENABLED, "a frame from before the stop moved it"
 
-        # A host that begins anew counts from anywhere, once the gripper has stopped waiting for the one before.
+        # A host that begins anew counts from anywhere, once the gripper has stopped waiting for the one before; as its first
+        # frame may be a late one, it takes two.
         host.hardware.device_command.commanded[grip] = False
-        host.run(host.description.watchdog_cycles + 3)
+        host.run(host.description.watchdog_cycles + 5)
+        node.receive(late)
+        assert gripper.state is not State.OPERATION_ENABLED, "a frame from before the silence moved it"
+        host.run(host.description.watchdog_cycles + 5)
         host.hardware.device_command.values[grip, 3] = 1.0
         host.hardware.device_command.commanded[grip] = True
         host.hardware._sequence = (int(late["data"][0, 8]) - 100) & 0xFF
-        host.run(2)
+        host.run(4)
         assert gripper.state is State.OPERATION_ENABLED

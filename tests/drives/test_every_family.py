@@ -205,6 +205,7 @@ def test_controlwords_arrive_as_the_commands_that_they_are(name: str) -> None:
     made, protocol = family.load(name), _protocol(name)
     out, targets = frames.empty(protocol.frames_a_cycle), DriveTargets(_N)
     payloads = made.messages[Role.CONTROL].payloads
+    protocol.decode(out, protocol.encode_control(np.zeros(_N, np.uint8), 255, out), targets)  # a stream's first
     for sequence, command in enumerate(Command):
         count = protocol.encode_control(np.full(_N, CONTROLWORD[command]), sequence, out)
         assert protocol.decode(out, count, targets) == (count, 0)
@@ -274,15 +275,16 @@ def test_a_device_hears_only_what_is_commanded_and_due(name: str) -> None:
     for column, key in enumerate(made.columns(Role.DEVICE_COMMAND)):
         command.values[:, column] = _step(made, Role.DEVICE_COMMAND, key)[2]
     command.commanded[:] = [True, True, False]
-    count = protocol.encode_devices(command, np.array([True, False, True]), 5, 20, out)
-    assert count == 1 and protocol.decode(out, count, targets) == (1, 0)
-    assert targets.devices.commanded.tolist() == [True, False, False]
+    assert protocol.encode_devices(command, made.every + 1, 5, 20, out) == 0, "not their turn"
+    count = protocol.encode_devices(command, 2 * made.every, 5, 20, out)
+    assert count == 2 and protocol.decode(out, count, targets) == (2, 0)
+    assert targets.devices.commanded.tolist() == [True, True, False]
     width = len(made.columns(Role.DEVICE_COMMAND))
     assert np.allclose(targets.devices.values[0, :width], command.values[0, :width])
     assert protocol.decode(out, count, targets) == (0, 0) and not targets.devices.commanded.any(), "a repetition"
     command.values[1, 0] = np.nan
     with pytest.raises(ValueError, match="column 0 of b: nan"):
-        protocol.encode_devices(command, np.ones(3, np.bool_), 6, 20, out)
+        protocol.encode_devices(command, 0, 6, 20, out)
 
 
 @pytest.mark.parametrize("name", ALL)

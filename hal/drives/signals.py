@@ -1,0 +1,265 @@
+"""One frame and one signal of a robot's frame program (hal.drives.program), read and written by compiled code.
+
+A program's tables: `frames` (f, FRAME_COLUMNS), its messages; `ops` (o, OP_COLUMNS) and `scales` (o, 4), their signals;
+`lookups` (t, LOOKUP_COLUMNS), of each table value by raw; raw by value, or of a logarithmic scale the least value by raw; the
+scale's low end, largest raw, steps an octave and nearly its low end's binary logarithm;
+`ids` (channels, 2048), identifier → frame; `long_ids` (2, m), sorted keys of 29-bit identifiers, and their frames; `payloads`;
+`spans` (roles, 2), where each role's frames begin and end.
+`words` are records (hal.can.frames). The tables travel as one array, from which a kernel makes them again: each argument of a
+compiled function costs about as much as a frame's decoding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from hal.can.codec import (
+    BIG_ENDIAN,
+    FLOAT,
+    HIGH,
+    LOW,
+    OFFSET,
+    SCALE,
+    SIGNED,
+    get_big_endian,
+    get_bits,
+    put_big_endian,
+    put_bits,
+)
+from hal.can.frames import DATA, EXTENDED, FD, WORDS
+from hal.drives.borrowing import borrowed
+from hal.drives.crc import crc_of
+from hal.drives.fields import (
+    ALGORITHM,
+    BYTES,
+    COLUMN,
+    CONSTANTS,
+    CRC,
+    CRC_FROM,
+    CRC_TO,
+    END,
+    FIELD,
+    FIRST,
+    FRAME_COLUMNS,
+    HEAD,
+    KIND,
+    LENGTH,
+    MASK,
+    OP_COLUMNS,
+    PLAIN,
+    SEQUENCE,
+    SHIFT,
+    START,
+    TABLE,
+    Field,
+    Role,
+)  # fmt: skip
+
+RAWS, LOGS, LOOKUP_COLUMNS = 256, 512, 516
+"""Where raws by value (of a logarithmic scale: least values by raw), and the scale, begin in a row of the look-up tables."""
+
+_CONSTANT = int(Field.CONSTANT)
+_LOW_BITS = np.uint64(0xFFFFFFFF)
+_HEADER = 9
+"""words before the tables: where each ends, how many channels there are"""
+_ROLES = len(Role)
+
+
+def packed(frames, ops, scales, lookups, ids, long_ids, payloads, spans):
+    """A program's tables as one array (int64), for `tables`."""
+    parts = [frames, ops, scales.view(np.int64), lookups.view(np.int64), ids, long_ids, payloads.view(np.int64), spans]
+    ends = np.cumsum([_HEADER] + [part.size for part in parts])
+    return np.concatenate([[*ends[1:], len(ids)], *(part.ravel() for part in parts)]).astype(np.int64)
+
+
+@njit(cache=True)
+def tables(code):
+    """frames, ops, scales, lookups, ids, long_ids, payloads, spans"""
+    code = borrowed(code)
+    return (
+        code[_HEADER : code[0]].reshape(-1, FRAME_COLUMNS),
+        code[code[0] : code[1]].reshape(-1, OP_COLUMNS),
+        code[code[1] : code[2]].view(np.float64).reshape(-1, 4),
+        code[code[2] : code[3]].view(np.float64).reshape(-1, LOOKUP_COLUMNS),
+        code[code[3] : code[4]].reshape(code[8], 2048),
+        code[code[4] : code[5]].reshape(2, (code[5] - code[4]) // 2),
+        code[code[5] : code[6]].view(np.uint64),
+        code[code[6] : code[7]].reshape(_ROLES, 2),
+    )
+
+
+# What kernels work a frame through with is inlined: an array handed on to a function costs reference counting, as much as the
+# function's work.
+
+
+@njit(inline="always")
+def put_raw(words, first, ops, o, raw):
+    bits, word = np.uint64(raw) & np.uint64(ops[o, MASK]), ops[o, PLAIN]
+    if word >= 0:
+        words[first + word] |= bits << np.uint64(ops[o, SHIFT])
+    else:
+        _put_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND], bits)
+
+
+@njit(inline="always")
+def get_raw(words, first, ops, o):
+    word = ops[o, PLAIN]
+    if word >= 0:
+        bits = words[first + word] >> np.uint64(ops[o, SHIFT]) & np.uint64(ops[o, MASK])
+    else:
+        bits = _bits_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND])
+    return bits
+
+
+@njit(cache=True)
+def _put_across(words, first, start, length, kind, bits):
+    if kind & BIG_ENDIAN:
+        put_big_endian(words, first, start, length, bits)
+    else:
+        put_bits(words, first, start, length, bits)
+
+
+@njit(cache=True)
+def _bits_across(words, first, start, length, kind):
+    if kind & BIG_ENDIAN:
+        return get_big_endian(words, first, start, length)
+    return get_bits(words, first, start, length)
+
+
+@njit(cache=True)
+def log2_nearly(value):
+    """The binary logarithm of a positive normal number, to 0.01: its exponent, and a parabola through the octave's ends."""
+    bits = np.float64(value).view(np.int64)
+    rest = (bits & ((1 << 52) - 1)) * 2.0**-52
+    return (bits >> 52) - 1023 + rest * (1.34 - 0.34 * rest)
+
+
+@njit(cache=True)
+def _looked_up(value, lookups, table):
+    """The raw integer of a value by a look-up table."""
+    low = lookups[table, LOGS]
+    if low <= 0.0:
+        return np.int64(lookups[table, RAWS + np.int64(min(max(value, 0.0), 255.0))])
+    if value < 0.5 * low:
+        return np.int64(0)
+    # A guess that is seldom off by one, then the table.
+    top = np.int64(lookups[table, LOGS + 1])
+    guess = 1.5 + lookups[table, LOGS + 2] * (log2_nearly(value) - lookups[table, LOGS + 3])
+    raw = np.int64(min(max(guess, 1.0), lookups[table, LOGS + 1]))
+    while raw < top and value >= lookups[table, RAWS + raw + 1]:
+        raw += 1
+    while value < lookups[table, RAWS + raw]:
+        raw -= 1
+    return raw
+
+
+@njit(cache=True)
+def _float_bits(value, length):
+    return np.uint64(np.float32(value).view(np.uint32)) if length == 32 else np.float64(value).view(np.uint64)
+
+
+@njit(cache=True)
+def _float_value(bits, length):
+    return np.float64(np.uint32(bits).view(np.float32)) if length == 32 else np.uint64(bits).view(np.float64)
+
+
+@njit(inline="always")
+def get_value(words, first, ops, scales, lookups, o):
+    """The physical value of a signal; of one without bits its constant."""
+    kind = ops[o, KIND]
+    if ops[o, LENGTH] == 0:
+        value = np.float64(ops[o, COLUMN])
+    else:
+        bits = get_raw(words, first, ops, o)
+        if kind & FLOAT:
+            value = _float_value(bits, ops[o, LENGTH]) * scales[o, SCALE] + scales[o, OFFSET]
+        elif ops[o, TABLE] >= 0:
+            value = lookups[ops[o, TABLE], np.int64(bits)]
+        elif kind & SIGNED:
+            shift = 64 - ops[o, LENGTH]
+            value = (np.int64(bits << np.uint64(shift)) >> shift) * scales[o, SCALE] + scales[o, OFFSET]
+        else:
+            value = np.int64(bits) * scales[o, SCALE] + scales[o, OFFSET]
+    return value
+
+
+@njit(inline="always")
+def put_value(words, first, ops, scales, lookups, o, value):
+    """Write a finite physical value, saturated; signals without bits, and values that a table leaves out, write nothing."""
+    if ops[o, LENGTH] > 0:
+        table = ops[o, TABLE]
+        if ops[o, KIND] & FLOAT:
+            put_raw(words, first, ops, o, _float_bits((value - scales[o, OFFSET]) / scales[o, SCALE], ops[o, LENGTH]))
+        elif table < 0:
+            raw = np.rint((value - scales[o, OFFSET]) / scales[o, SCALE])
+            put_raw(words, first, ops, o, np.int64(min(max(raw, scales[o, LOW]), scales[o, HIGH])))
+        else:
+            code = _looked_up(value, lookups, table)
+            # Tables may share a signal: the first that has something to say does.
+            if code > 0 and get_raw(words, first, ops, o) == 0:
+                put_raw(words, first, ops, o, code)
+
+
+@njit(cache=True)
+def begin(words, k, head):
+    words[WORDS * k] = np.uint64(0)
+    words[WORDS * k + 1] = head
+    for i in range(8):
+        words[WORDS * k + DATA + i] = np.uint64(0)
+
+
+@njit(cache=True)
+def sign(words, k, frames, f, ops):
+    """Write the CRC, where the frame has one."""
+    if frames[f, CRC] >= 0:
+        first = WORDS * k + DATA
+        crc = crc_of(words, first, frames[f, CRC_FROM], frames[f, CRC_TO], frames[f, ALGORITHM])
+        put_raw(words, first, ops, frames[f, CRC], crc)
+
+
+@njit(cache=True)
+def valid(words, k, frames, f, ops):
+    """Is this frame of the right format and length, with the right CRC and constants?"""
+    head, first = words[WORDS * k + 1], WORDS * k + DATA
+    flags = np.int64((head >> np.uint64(40)) & np.uint64(0xFF))
+    if (flags ^ (frames[f, HEAD] >> 40)) & FD:
+        return False
+    if np.int64((head >> np.uint64(32)) & np.uint64(0xFF)) != frames[f, BYTES]:
+        return False
+    if frames[f, CRC] >= 0:
+        crc = crc_of(words, first, frames[f, CRC_FROM], frames[f, CRC_TO], frames[f, ALGORITHM])
+        if np.int64(get_raw(words, first, ops, frames[f, CRC])) != crc:
+            return False
+    if frames[f, CONSTANTS]:
+        for o in range(frames[f, FIRST], frames[f, END]):
+            if ops[o, FIELD] == _CONSTANT and np.int64(get_raw(words, first, ops, o)) != ops[o, COLUMN]:
+                return False
+    return True
+
+
+@njit(cache=True)
+def _long_frame(key, long_ids):
+    at = np.searchsorted(long_ids[0], key)
+    return long_ids[1, at] if at < long_ids.shape[1] and long_ids[0, at] == key else -1
+
+
+@njit(inline="always")
+def frame_of(words, k, ids, long_ids):
+    """Index of the message that a record is; −1: none of ours."""
+    head = words[WORDS * k + 1]
+    can_id, bus = np.int64(head & _LOW_BITS), np.int64((head >> np.uint64(48)) & np.uint64(0xFF))
+    found = np.int64(-1)
+    if bus < ids.shape[0]:
+        if (head >> np.uint64(40)) & np.uint64(EXTENDED):
+            found = _long_frame(bus << 32 | can_id, long_ids)
+        elif can_id < 2048:
+            found = ids[bus, can_id]
+    return found
+
+
+@njit(cache=True)
+def sequence_of(words, first, frames, f, ops):
+    """The sequence number of a frame that has one (0..255)."""
+    op = frames[f, SEQUENCE]
+    return np.int64(get_bits(words, first, ops[op, START], ops[op, LENGTH]))

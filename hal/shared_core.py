@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from pathlib import Path
 
 _LOOK_S = 0.1
 """between two looks at how long this process was kept waiting"""
@@ -61,10 +60,19 @@ class SharedCore:
 def _waited_ns() -> int:
     """How long this process has stood in a core's queue (proc(5), schedstat); 0 where the kernel does not count it."""
     with contextlib.suppress(OSError, IndexError):
-        return int(Path("/proc/self/schedstat").read_text().split()[1])
+        return int(_read("/proc/self/schedstat").split()[1])
     return 0
 
 
 def _here() -> int:
     """The core that this process runs on (proc(5), stat, field 39)."""
-    return int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[36])
+    return int(_read("/proc/self/stat").rpartition(b")")[2].split()[36])
+
+
+def _read(path: str) -> bytes:
+    # Several times a second between two turns of the loop: pathlib and decoding would cost as much again as the kernel does.
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        return os.read(descriptor, 1024)
+    finally:
+        os.close(descriptor)

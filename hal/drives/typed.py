@@ -14,14 +14,12 @@ benches and tools: a frame goes signal by signal here, where the daemon's tables
 
 from __future__ import annotations
 
-import enum
 import functools
 import importlib
 import itertools
 import sys
 import time
 import types
-import typing
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -33,11 +31,11 @@ import numpy as np
 from hal.can import frames
 from hal.can.codec import MessageLayout
 from hal.can.convert import to_message, to_record
-from hal.drives import crc, typed_fields
-from hal.drives.family import Family, load, number, read, signal_of
+from hal.drives.family import load, read
 from hal.drives.fields import Field, Role
 from hal.drives.lifecycle import Command
-from hal.drives.typed_fields import COUNTED, Kind, TypedField
+from hal.drives.typed_fields import COUNTED, TypedField
+from hal.drives.typed_plan import Plan, plan_of
 from hal.drives.typed_source import source
 
 NEXT = -1
@@ -72,7 +70,7 @@ class TypedMessage:
 
     def record(self, bus: int = 0) -> np.ndarray:
         """The frame as hal.can.frames.RECORD (1,); otherwise as `encode`."""
-        plan, numbers = _plan(type(self)), self._numbers()
+        plan, numbers = plan_of(type(self)), self._numbers()
         layout, out = plan.layout(numbers), frames.empty(1)
         if plan.payloads:
             out["can_id"], out["length"], out["flags"] = layout.frame_id, 8, layout.head >> 40 & 0xFF
@@ -94,7 +92,7 @@ class TypedMessage:
     @classmethod
     def decode(cls, message: can.Message | np.ndarray | np.void) -> Self:
         """What a frame says. Raises FrameError for one that is none of these, or damaged."""
-        plan, record = _plan(cls), _record(message)
+        plan, record = plan_of(cls), _record(message)
         numbers = plan.numbers_of(record)
         if numbers is None:
             raise FrameError(f"frame {int(record['can_id'][0]):#x}: no {plan.kind.name}; expected {plan.identifiers}")
@@ -128,7 +126,7 @@ class TypedMessage:
         return cls(**own)
 
     def _numbers(self) -> dict[str, int]:
-        plan, numbers = _plan(type(self)), {"limb": 0, "axis": 0, "device": 0}
+        plan, numbers = plan_of(type(self)), {"limb": 0, "axis": 0, "device": 0}
         for name in plan.kind.numbers:
             value, room = (
                 getattr(self, name),
@@ -140,7 +138,7 @@ class TypedMessage:
         return numbers
 
     def _fill(
-        self, plan: _Plan, item: TypedField, layout: MessageLayout, numbers: dict[str, int], values: np.ndarray
+        self, plan: Plan, item: TypedField, layout: MessageLayout, numbers: dict[str, int], values: np.ndarray
     ) -> None:
         given = getattr(self, item.name)
         if given == NEXT and item.meaning is Field.SEQUENCE and plan.kind.role in COUNTED:
@@ -163,94 +161,6 @@ def _places(item: TypedField, layout: MessageLayout, numbers: dict[str, int]) ->
     return [layout.signals.index(item.signal.format_map(of)) for of in own]
 
 
-class _Plan:
-    """What a class must know of its family's description."""
-
-    def __init__(self, cls: type[TypedMessage]):
-        self.family: Family = load(cls._family)
-        by_name = {kind.name: kind for kind in typed_fields.kinds(self.family)}
-        stale = (
-            f"{cls.__module__}.{cls.__name__} was made from another description of family {cls._family}: "
-            f"`handrail drives types {cls._family}` writes it anew"
-        )
-        if cls._kind not in by_name:
-            raise ValueError(stale)
-        self.kind: Kind = by_name[cls._kind]
-        self.payloads = {key: bytes.fromhex(text) for key, text in self.kind.message.payloads.items()}
-        self.fields = () if self.payloads else typed_fields.fields(self.family, self.kind)
-        names = {*self.kind.numbers, *(item.name for item in self.fields), *(["command"] if self.payloads else [])}
-        if names != {item for item in cls.__dataclass_fields__}:  # type: ignore[attr-defined]
-            raise ValueError(stale)
-        control = self.family.messages.get(Role.CONTROL)
-        shared = control.payloads if control and self.kind.role in (Role.CONTROL, Role.COMMAND) else {}
-        self._commands = {bytes.fromhex(shared[c.name.lower()]): c for c in reversed(Command)} if shared else {}
-        crc_entry = self.kind.message.fields.get("crc")
-        self.crc_signal = signal_of(crc_entry).signal if crc_entry else ""
-        self._layouts: dict[tuple[int, bool], dict[str, int]] = {}
-        for numbers in self._instances():
-            head = self.layout(numbers).head
-            self._layouts[head & 0xFFFFFFFF, bool(head >> 40 & frames.EXTENDED)] = numbers
-        self._enums = {name: _enum_of(hint) for name, hint in typing.get_type_hints(cls).items()}
-
-    def _instances(self) -> list[dict[str, int]]:
-        return (
-            self.family.instances(self.kind.role)
-            if self.kind.role is not None
-            else [{"limb": 0, "axis": 0, "device": 0}]
-        )
-
-    def layout(self, numbers: dict[str, int]) -> MessageLayout:
-        return self.family.codec.layout(self.kind.template.format_map(numbers))
-
-    @property
-    def identifiers(self) -> str:
-        ids = sorted(can_id for can_id, _ in self._layouts)
-        return f"{ids[0]:#x}" if len(ids) == 1 else f"{ids[0]:#x} to {ids[-1]:#x}"
-
-    def numbers_of(self, record: np.ndarray) -> dict[str, int] | None:
-        """limb, axis and device of a frame; None: it is none of these."""
-        return self._layouts.get((int(record["can_id"][0]), bool(record["flags"][0] & frames.EXTENDED)))
-
-    def command_of(self, data: bytes) -> Command | None:
-        """Which of the family's fixed frames this is."""
-        return self._commands.get(data)
-
-    def constants(self, numbers: dict[str, int]) -> list[tuple[str, int]]:
-        """(signal, raw value) of what always reads the same."""
-        layout, found = self.layout(numbers), []
-        for name, given in self.kind.message.constants.items():
-            bits = int(layout.rows([name])[0][0, 1])
-            found.append((name, number(given, numbers) & (1 << bits) - 1))
-        return found
-
-    def crc(self, layout: MessageLayout, numbers: dict[str, int], record: np.ndarray) -> int:
-        """What a frame's CRC should be."""
-        start = int(layout.rows([self.crc_signal.format_map(numbers)])[0][0, 0])
-        begin, end = self.family.crc_bytes or (0, start // 8)
-        return int(crc.crc_of(frames.words(record), frames.DATA, begin, end, self.family.algorithm))
-
-    def typed(self, item: TypedField, value: typed_fields.Number) -> Any:
-        """A value as a member of its field's enum, where it has one that knows it."""
-        kind = self._enums.get(item.name)
-        return kind(int(value)) if kind is not None and value in set(kind) else value
-
-
-_plans: dict[type[TypedMessage], _Plan] = {}
-
-
-def _plan(cls: type[TypedMessage]) -> _Plan:
-    """Made when it is first needed: reading a DBC takes a moment, importing its classes shall not."""
-    if cls not in _plans:
-        _plans[cls] = _Plan(cls)
-    return _plans[cls]
-
-
-def _enum_of(hint: Any) -> type[enum.IntEnum] | None:
-    if isinstance(hint, type) and issubclass(hint, enum.IntEnum):
-        return hint
-    return next((found for part in typing.get_args(hint) if (found := _enum_of(part))), None)
-
-
 def _record(message: can.Message | np.ndarray | np.void) -> np.ndarray:
     if isinstance(message, can.Message):
         try:
@@ -270,7 +180,7 @@ def decode_any(kinds: Sequence[type[TypedMessage]], message: can.Message | np.nd
     """The message that a frame is by its identifier, None when it is none of these. Raises FrameError for a damaged one."""
     record, problem = _record(message), None
     for kind in kinds:
-        if _plan(kind).numbers_of(record) is None:
+        if plan_of(kind).numbers_of(record) is None:
             continue
         try:
             return kind.decode(record)
@@ -287,7 +197,7 @@ def signed(family: str, message: can.Message, given: Collection[str] = ()) -> ca
     given: names of signals that stay as they are. A frame that is none of the family's, or too short, is returned unchanged.
     """
     record = _record(message)
-    for plan in map(_plan, messages(family).MESSAGES):
+    for plan in map(plan_of, messages(family).MESSAGES):
         numbers = plan.numbers_of(record)
         if numbers is None or plan.payloads or int(record["length"][0]) != plan.layout(numbers).length:
             continue

@@ -8,7 +8,7 @@ from hal.robots import cli
 from handrail import messages as m
 from handrail.topics import RefusedError
 
-pytestmark = [pytest.mark.handrail(robot="sea_bench"), pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.handrail(robot="sea_bench"), pytest.mark.timeout(300)]
 
 JOINTS = ("shoulder_joint", "elbow_joint")
 

@@ -34,7 +34,7 @@ def runtime() -> Iterator[Path]:
             plant.communicate(timeout=20)
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_the_test_bench_in_the_docs_moves_a_drive(runtime: Path) -> None:
     script = re.search(r"```python\n(import can\n.*?)```", _DOCS.read_text(encoding="utf-8"), re.DOTALL)
     assert script is not None

@@ -17,7 +17,7 @@ from hal.drives.lifecycle import DriveError, State
 from hal.plant.hands import Gripper
 from hal.plant.joint_port import JointPort
 from hal.plant.power import Battery
-from hal.plant.robot_body import BASE, RobotBody, motion_of
+from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.sensor_noise import Noise
 from hal.plant.sensors import ForceTorque, Imu
 
@@ -63,11 +63,13 @@ class DevicePlant:
         self.joints = tuple(joints.values())
         """PyBullet's joints whose states the devices want to know"""
         links = {imu.carrier for imu in self._imus.values()} - {BASE}
-        self._links = sorted(links.union(*(wrist.links for wrist in self._wrists.values())))
+        self.links = tuple(sorted(links.union(*(wrist.links for wrist in self._wrists.values()))))
+        """PyBullet's links whose motion they want to know"""
 
     def attach(self, joints: JointPort) -> None:
-        """Read the joints there from now on; it has to watch `joints`."""
+        """Read joints and links there from now on; it has to watch `joints` and `links`."""
         self._port = joints
+        self._moved = dict(zip(self.links, joints.moved, strict=True))
 
     @property
     def powered(self) -> bool:
@@ -90,12 +92,12 @@ class DevicePlant:
         """Measure everything, as the world stands now; batteries only where `due` (d,), if given. Returns `state`."""
         state, time_ns = self.state, self._clock()
         values, joints = state.values, self._port.felt
-        links = self._body.link_states(self._links) if self._links else {}
+        self._port.look_at_links()
         for row, imu in self._imus.items():
-            base = imu.carrier == BASE
-            imu.measure(self._body.link_motion(BASE) if base else motion_of(links[imu.carrier]), time_ns, values[row])
+            moved = self._moved[imu.carrier] if imu.carrier != BASE else np.concatenate(self._body.base_motion())
+            imu.measure(moved, time_ns, values[row])
         for row, wrist in self._wrists.items():
-            wrist.measure(joints[self._at[row]], links, time_ns, values[row])
+            wrist.measure(joints[self._at[row]], self._moved, time_ns, values[row])
         for row, gripper in self.grippers.items():
             gripper.measure(joints[self._at[row]], time_ns, values[row])
         actuators = self._drives.actuators

@@ -1,4 +1,4 @@
-"""Torques into a body's joints, one step, and their states out: what a world does a thousand times a second.
+"""Torques into a body's joints, one step, and states of joints and links out: what a world does a thousand times a second.
 
 PyBullet's Python functions for it make tuples of nine numbers of every joint, and copy two kilobytes of description a joint to
 find its place: a third of a step's time. The same library exports C functions; only the client that these want to be told is
@@ -25,6 +25,9 @@ from hal.plant.bullet import pybullet as p
 
 FELT = 9
 """Columns of a joint's row in `JointPort.felt`: position, velocity, reaction (6) where it is sensed, what its motor does."""
+MOVED = 13
+"""Columns of a link's row in `JointPort.moved`, of its inertial frame in the world: position, orientation (x, y, z, w), velocity
+m/s, angular velocity rad/s."""
 _MOTOR = 8
 _SECTION, _SYMBOL_TABLE = "<IIQQQQIIQQ", 2
 _SYMBOL = np.dtype(
@@ -33,20 +36,31 @@ _SYMBOL = np.dtype(
 
 
 class JointPort:
-    """The way to some joints of one body. Arrays are written by `step` and `look`: never rebind them."""
+    """The way to some joints and links of one body. Arrays are written by what it does: never rebind them."""
 
     def __init__(
-        self, body: int, client: int, driven: Sequence[int], watched: Sequence[int] = (), *, native: bool = True
+        self,
+        body: int,
+        client: int,
+        driven: Sequence[int],
+        watched: Sequence[int] = (),
+        links: Sequence[int] = (),
+        *,
+        native: bool = True,
     ):
-        """driven, watched: PyBullet's joints that get torques, and whose whole states are wanted. native: by C, if possible."""
+        """driven, watched: PyBullet's joints that get torques, and whose whole states are wanted; links: whose motion is, without
+        the base. native: by C, if possible."""
         self._body, self._client = body, client
-        self._driven, self._watched = tuple(driven), tuple(watched)
+        self._driven, self._watched, self._links = tuple(driven), tuple(watched), tuple(links)
         n, k = len(self._driven), len(self._watched)
         self._memory = np.zeros(2 * n + FELT * k)
         self.position, self.velocity = self._memory[: 2 * n].reshape(2, n)
         """rad or m, and per s, (driven,)"""
         self.felt = self._memory[2 * n :].reshape(k, FELT)
         """states of the watched joints, (watched, FELT)"""
+        self.moved = np.zeros((len(self._links), MOVED))
+        """motion of the links when they were last looked at, (links, MOVED)"""
+        self._rows = np.array(self._links, np.int64)
         # Joint's number, and its places among all positions and all velocities of the body.
         places = [p.getJointInfo(body, joint, physicsClientId=client) for joint in (*driven, *watched)]
         self._places = np.array([(place[0], place[3], place[4]) for place in places], np.int64).reshape(n + k, 3)
@@ -70,6 +84,19 @@ class JointPort:
         p.stepSimulation(physicsClientId=self._client)
         self.look()
 
+    def look_at_links(self) -> None:
+        """Read the motion of the links as it is now: all at once, since PyBullet works out the whole body's each time."""
+        if not self._links:
+            return
+        if self._handle:
+            _look_at_links(self._handle, self._body, self._rows, self.moved, self._pointers)
+            return
+        states = p.getLinkStates(
+            self._body, self._links, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=self._client
+        )
+        for row, state in zip(self.moved, states, strict=True):
+            row[:] = *state[0], *state[1], *state[6], *state[7]
+
     def close(self) -> None:
         """The client is gone: from now on PyBullet's own functions raise what they raise then."""
         self._handle = 0
@@ -92,9 +119,13 @@ _control = _of_c("b3JointControlCommandInit2", _POINTER, _POINTER, types.int32, 
 _set_torque = _of_c("b3JointControlSetDesiredForceTorque", types.int32, _POINTER, types.int32, types.float64)
 _step = _of_c("b3InitStepSimulationCommand", _POINTER, _POINTER)
 _request = _of_c("b3RequestActualStateCommandInit", _POINTER, _POINTER, types.int32)
+_with_velocity = _of_c("b3RequestActualStateCommandComputeLinkVelocity", types.int32, _POINTER, types.int32)
+_with_kinematics = _of_c("b3RequestActualStateCommandComputeForwardKinematics", types.int32, _POINTER, types.int32)
 _wait = _of_c("b3SubmitClientCommandAndWaitStatus", _POINTER, _POINTER, _POINTER)
 _state = _of_c("b3GetStatusActualState2", types.int32, *[_POINTER] * 13)
-_FUNCTIONS = [each.symbol for each in (_control, _set_torque, _step, _request, _wait, _state)]
+_FUNCTIONS = [
+    each.symbol for each in (_control, _set_torque, _step, _request, _with_velocity, _with_kinematics, _wait, _state)
+]
 _TORQUE_CONTROL = int(p.TORQUE_CONTROL)
 
 
@@ -139,6 +170,23 @@ def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-
         row[1] = velocities[at_velocity] if at_velocity >= 0 else 0.0
         row[2:_MOTOR] = reactions[6 * joint : 6 * (joint + 1)]
         row[_MOTOR] = motors[joint]
+
+
+@njit(cache=True)
+def _look_at_links(client, body, links, moved, pointers):  # type: ignore[no-untyped-def]
+    """Write JointPort's `moved` for its links. Raises RuntimeError if PyBullet does not answer."""
+    request = _request(client, np.int32(body))
+    _with_velocity(request, np.int32(1))
+    _with_kinematics(request, np.int32(1))
+    at = pointers.ctypes.data
+    status = _wait(client, request)
+    if status == 0 or _state(status, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, at, at + 8) == 0:
+        raise RuntimeError("PyBullet does not tell the state of its bodies")
+    poses, rates = carray(_numbers(pointers[0]), 7 * 128), carray(_numbers(pointers[1]), 6 * 128)
+    for row in range(len(links)):
+        link = links[row]
+        moved[row, :7] = poses[7 * link : 7 * (link + 1)]
+        moved[row, 7:] = rates[6 * link : 6 * (link + 1)]
 
 
 def _handle_of(client: int) -> int | None:

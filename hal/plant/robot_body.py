@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +21,6 @@ Vector = tuple[float, ...]
 Motion = tuple[Vector, Vector, Vector, Vector, Vector]
 """of a link, in the world: its centre of mass m, its frame's position m and orientation (x, y, z, w), and its centre's velocity
 m/s and angular velocity rad/s"""
-LinkState = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]
-"""PyBullet's: inertial frame's position and orientation in the world and in the link, the link's frame's in the world, velocity
-and angular velocity"""
 
 
 class RobotBody:
@@ -109,26 +105,22 @@ class RobotBody:
         carrier, placement = self._home[link]
         return self.links[carrier], placement[:3, 3].copy(), placement[:3, :3].copy()
 
-    def link_states(self, links: Sequence[int]) -> dict[int, LinkState]:
-        """States of PyBullet's links, without BASE: all in one, since PyBullet works out those of the whole body each time."""
-        states = p.getLinkStates(
-            self.number, links, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=self.client
-        )
-        return dict(zip(links, states, strict=True))
-
     def link_motion(self, link: int) -> Motion:
         """How one of PyBullet's links moves."""
-        if link != BASE:
-            return motion_of(self.link_states([link])[link])
+        if link == BASE:
+            centre, orientation, linear, angular = self.base_motion()
+            position, orientation = p.multiplyTransforms(centre, orientation, *self._frame_in_centre)
+            return centre, position, orientation, linear, angular
+        state = p.getLinkState(
+            self.number, link, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=self.client
+        )
+        return state[0], state[4], state[5], state[6], state[7]
+
+    def base_motion(self) -> tuple[Vector, Vector, Vector, Vector]:
+        """Of the root link's inertial frame in the world: position, orientation, velocity and angular velocity."""
         centre, orientation = p.getBasePositionAndOrientation(self.number, physicsClientId=self.client)
         linear, angular = p.getBaseVelocity(self.number, physicsClientId=self.client)
-        position, orientation = p.multiplyTransforms(centre, orientation, *self._frame_in_centre)
-        return centre, position, orientation, linear, angular
-
-
-def motion_of(state: LinkState) -> Motion:
-    """What a link's state says of its motion."""
-    return state[0], state[4], state[5], state[6], state[7]
+        return centre, orientation, linear, angular
 
 
 def _rotation(orientation: Vector) -> np.ndarray:

@@ -8,11 +8,14 @@ from numba import njit
 
 from hal.drives.borrowing import borrowed
 from hal.plant.bullet import pybullet as p
-from hal.plant.robot_body import LinkState, Motion, RobotBody, Vector
+from hal.plant.robot_body import RobotBody, Vector
 from hal.plant.scene import quaternion
 
 GRAVITY = 9.81
 """m/s², along the world's −z"""
+
+Moved = dict[int, npt.NDArray[np.float64]]
+"""PyBullet's link → its row of JointPort.moved"""
 
 # Vectors of three, several times a cycle: plain numbers, since numpy costs ten times as much, and compiled code where it is
 # done in every cycle.
@@ -36,15 +39,16 @@ class Imu:
     def __init__(self, body: RobotBody, link: str):
         self.carrier, offset, turn = body.frame(link)
         """PyBullet's link that carries it"""
+        centre, axes = body.inertial(self.carrier)
         self._memory = np.zeros(13)
-        self._memory[:3], self._memory[3:7] = offset, quaternion(turn)
+        self._memory[:3], self._memory[3:7] = axes.T @ (offset - centre), quaternion(axes.T @ turn)
         self._time_ns = -1
 
-    def measure(self, motion: Motion, time_ns: int, values: npt.NDArray[np.float64]) -> None:
-        """Write hal.device's imu columns, for the carrier's `motion`."""
+    def measure(self, moved: npt.NDArray[np.float64], time_ns: int, values: npt.NDArray[np.float64]) -> None:
+        """Write hal.device's imu columns, for the carrier's row of JointPort.moved."""
         passed = (time_ns - self._time_ns) * 1e-9 if self._time_ns >= 0 else 0.0
         self._time_ns = time_ns
-        _feel(motion, passed, self._memory, values)
+        _feel(moved, passed, self._memory, values)
 
 
 @njit(cache=True)
@@ -60,22 +64,18 @@ def _turned(q, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _feel(motion, passed, memory, values):  # type: ignore[no-untyped-def]
-    """An IMU's columns. memory (13,): its place and orientation on the carrier, and its velocity and acceleration of last time."""
-    memory, values = borrowed(memory), borrowed(values)
-    centre, position, (x, y, z, w), velocity, spin = motion
-    offset = _turned((x, y, z, w), (memory[0], memory[1], memory[2]))
+def _feel(moved, passed, memory, values):  # type: ignore[no-untyped-def]
+    """An IMU's columns. memory (13,): place and orientation in the carrier's inertial frame, last velocity and acceleration."""
+    moved, memory, values = borrowed(moved), borrowed(memory), borrowed(values)
+    x, y, z, w = moved[3], moved[4], moved[5], moved[6]
+    lx, ly, lz = _turned((x, y, z, w), (memory[0], memory[1], memory[2]))
     i, j, k, m = memory[3], memory[4], memory[5], memory[6]
     qx, qy, qz = w * i + x * m + y * k - z * j, w * j + y * m + z * i - x * k, w * k + z * m + x * j - y * i
     qw = w * m - x * i - y * j - z * k
-    lx, ly, lz = (
-        position[0] + offset[0] - centre[0],
-        position[1] + offset[1] - centre[1],
-        position[2] + offset[2] - centre[2],
-    )
-    vx = velocity[0] + spin[1] * lz - spin[2] * ly
-    vy = velocity[1] + spin[2] * lx - spin[0] * lz
-    vz = velocity[2] + spin[0] * ly - spin[1] * lx
+    spin = (moved[10], moved[11], moved[12])
+    vx = moved[7] + spin[1] * lz - spin[2] * ly
+    vy = moved[8] + spin[2] * lx - spin[0] * lz
+    vz = moved[9] + spin[0] * ly - spin[1] * lx
     if passed > 0.0:
         memory[10], memory[11], memory[12] = (
             (vx - memory[7]) / passed,
@@ -114,6 +114,7 @@ class ForceTorque:
         # PyBullet answers in the inertial frame of the link beyond the cut: what carries it exerts on it.
         centre, turn = body.inertial(carrier)
         self._place = np.array([*centre, *quaternion(turn)])
+        self._frame_in_centre = p.invertTransform(centre.tolist(), quaternion(turn))
         self.sense(True)
 
     def sense(self, on: bool) -> None:
@@ -122,23 +123,20 @@ class ForceTorque:
             p.enableJointForceTorqueSensor(self._body.number, self.carrier, on, physicsClientId=self._body.client)
 
     def measure(
-        self,
-        joint: npt.NDArray[np.float64],
-        states: dict[int, LinkState],
-        time_ns: int,
-        values: npt.NDArray[np.float64],
+        self, joint: npt.NDArray[np.float64], moved: Moved, time_ns: int, values: npt.NDArray[np.float64]
     ) -> None:
-        """Write hal.device's force_torque columns, for the row of JointPort.felt of the link's joint and the states of `links`."""
+        """Write hal.device's force_torque columns, for the row of JointPort.felt of the link's joint, and those of `links`."""
         if self._mechanism is None:
             _carry(joint, self._place, values)
         else:
-            self._measure_mechanism(self._mechanism, states, time_ns, values)
+            self._measure_mechanism(self._mechanism, moved, time_ns, values)
 
     def _measure_mechanism(
-        self, mechanism: Mechanism, states: dict[int, LinkState], time_ns: int, values: npt.NDArray[np.float64]
+        self, mechanism: Mechanism, moved: Moved, time_ns: int, values: npt.NDArray[np.float64]
     ) -> None:
-        force, torque = mechanism.wrench(states, time_ns)
-        here, orientation = states[self.carrier][4:6]
+        force, torque = mechanism.wrench(moved, time_ns)
+        centre = moved[self.carrier].tolist()
+        here, orientation = p.multiplyTransforms(centre[:3], centre[3:7], *self._frame_in_centre)
         mx, my, mz = _cross(here, force)
         into_sensor = _inverse(orientation)
         values[0:3] = p.rotateVector(into_sensor, force)
@@ -170,14 +168,15 @@ class Mechanism:
         self._rate = np.zeros(6)
         self._time_ns = -1
 
-    def wrench(self, states: dict[int, LinkState], time_ns: int) -> tuple[Vector, Vector]:
+    def wrench(self, moved: Moved, time_ns: int) -> tuple[Vector, Vector]:
         """Force N and torque N·m about the world's origin, world axes, that the links exert on what carries them.
 
         Acceleration is the mean since the call before.
         """
         px = py = pz = lx = ly = lz = lever_x = lever_y = 0.0
         for link, (mass, moments) in zip(self.links, self._inertials, strict=True):
-            centre, orientation, _, _, _, _, linear, angular = states[link]
+            row = moved[link].tolist()
+            centre, orientation, linear, angular = row[:3], row[3:7], row[7:10], row[10:]
             x, y, z = p.rotateVector(_inverse(orientation), angular)
             spin = p.rotateVector(orientation, (x * moments[0], y * moments[1], z * moments[2]))
             orbit = _cross(centre, linear)

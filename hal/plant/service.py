@@ -197,6 +197,7 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
 def warm_up(description: RobotDescription, objects: Scene) -> None:
     """Compile and allocate all that a step ever needs, in a world of its own, before time counts."""
     warm = World(description, objects)
+    warm.drives.control(np.zeros(len(description.joints), np.uint8))
     warm.drives.command(JointCommand(len(description.joints)))
     warm.advance(4)
     warm.devices.measure()

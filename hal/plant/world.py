@@ -68,7 +68,7 @@ class World:
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
         self.drives = DriveNodes(description, Actuators.of(description))
         self.devices = DevicePlant(self.robot, self.drives, lambda: self.time_ns)
-        self._joints = JointPort(self._robot, self._client, self._rows, self.devices.joints)
+        self._joints = JointPort(self._robot, self._client, self._rows, self.devices.joints, self.devices.links)
         self.position, self.velocity = self._joints.position, self._joints.velocity
         """rad, rad/s"""
         self.devices.attach(self._joints)

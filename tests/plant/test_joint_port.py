@@ -20,6 +20,7 @@ def _port(world: World, *, native: bool) -> JointPort:
         world.client,
         [joints[joint] for joint in world.description.joints],
         world.devices.joints,
+        world.devices.links,
         native=native,
     )
 
@@ -39,7 +40,8 @@ def test_c_functions_and_python_functions_give_the_same_bits(name):
         torque, rows = np.linspace(-3.0, 4.0, len(port.position)), []
         for _ in range(30):
             port.step(torque)
-            rows.append(np.concatenate([port.position, port.velocity, port.felt.ravel()]))
+            port.look_at_links()
+            rows.append(np.concatenate([port.position, port.velocity, port.felt.ravel(), port.moved.ravel()]))
         trace[native] = np.array(rows)
         world.close()
     assert np.abs(trace[True][-1] - trace[True][0]).max() > 1e-3  # it moved

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from benchmarks.campaign.kinds import KINDS, PROCESS_KINDS
+from benchmarks.campaign.kinds import DEVICE_KINDS, KINDS, PROCESS_KINDS
 from hal.can.faults import Fault
 from hal.hil.plant_process import SILENCE_S
 from handrail.robot.description import RobotDescription
@@ -15,6 +15,8 @@ from handrail.robot.description import RobotDescription
 LENGTH_S = 3.8
 """of the motion in which the fault begins"""
 DRIVE_ERRORS = ("encoder", "overcurrent", "overtemperature", "communication", "internal")
+DEVICE_FAULTS = ("drop", "delay", "corrupt", "stuck", "bus_off", "cut")
+_FAMILIES = {"sensor": ("imu", "force_torque"), "battery": ("power",)}
 _HOST = "daemon"
 
 
@@ -28,7 +30,7 @@ class Case(msgspec.Struct, kw_only=True, frozen=True):
     words: str
     """for people"""
     fault: Fault | None = None
-    """kinds of the bus"""
+    """kinds of the bus and of devices"""
     joint: str = ""
     error: str = ""
     """kind drive_error"""
@@ -53,7 +55,11 @@ def draw(number: int, seed: int, description: RobotDescription) -> Case:
         span = (0.02, 0.5) if hiccup else (SILENCE_S + 0.5, SILENCE_S + 1.5)
         frozen = round(float(random.uniform(*span)), 3) if kind == "loop_frozen" else 0.0
         return Case(number=number, kind=kind, at=at, frozen_s=frozen, words=f"{frozen:g} s" if frozen else "")
-    fields = _bus_fault(kind, joint, random, description)
+    if kind in DEVICE_KINDS:
+        device = random.choice([device.name for device in description.devices if device.family in _FAMILIES[kind]])
+        fields = {"kind": str(random.choice(DEVICE_FAULTS)), "node": str(device)} | _passing(random)
+    else:
+        fields = _bus_fault(kind, joint, random, description)
     fault = msgspec.convert({"kind": kind, "after": at, "seed": number, **fields}, Fault)
     shown = {name: value for name, value in fields.items() if name != "seed"}
     words = ", ".join(f"{k} {v:#x}" if k == "can_id" else f"{k} {v}" for k, v in shown.items())
@@ -78,6 +84,9 @@ def _bus_fault(kind: str, joint: str, random: np.random.Generator, description: 
         fields["probability"] = float(random.choice([0.02, 0.1, 0.3, 1.0]))
     if kind == "delay":
         fields["delay"] = float(random.choice([0.001, 0.003, 0.01, 0.05]))
-    if random.random() < 0.7:  # it passes, or it stays
-        fields["duration"] = round(float(10 ** random.uniform(-2.7, 0.0)), 4)
-    return fields
+    return fields | _passing(random)
+
+
+def _passing(random: np.random.Generator) -> dict[str, Any]:
+    """For how long: it passes, or it stays."""
+    return {"duration": round(float(10 ** random.uniform(-2.7, 0.0)), 4)} if random.random() < 0.7 else {}

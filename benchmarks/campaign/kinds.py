@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 BUS_KINDS = ("drop", "delay", "duplicate", "reorder", "corrupt", "bit_error", "stuck", "babble", "bus_off", "cut")
-PROCESS_KINDS = ("loop_killed", "loop_frozen", "server_killed")
-KINDS = (*BUS_KINDS, "drive_error", *PROCESS_KINDS)
+DEVICE_KINDS = ("sensor", "battery")
+PROCESS_KINDS = ("loop_killed", "loop_frozen", "server_killed", "engine_silent")
+KINDS = (*BUS_KINDS, *DEVICE_KINDS, "drive_error", *PROCESS_KINDS)

@@ -129,6 +129,9 @@ class _Run:
                 return "refused" if index else "not_started"
             self.daemon.call(m.ReleaseTime(owner=OWNER))
             outcome = self._wait_end(start.id)
+            if not self.daemon.checks_in and index + 1 < len(self.turn.segments):
+                # Nobody goes on, nor lets time go on: the hold runs out by itself.
+                return outcome if outcome != "done" else self.case.kind
             if outcome != "done":
                 with contextlib.suppress(RefusedError, Unreachable):
                     self.daemon.call(m.ReleaseTime(owner=OWNER))
@@ -170,6 +173,8 @@ class _Run:
                 self.daemon.loop.kill()
             case "server_killed":
                 self.daemon.server.kill()
+            case "engine_silent":
+                self.daemon.checks_in = False
             case "loop_frozen":
                 with self.daemon.frozen():
                     time.sleep(self.case.frozen_s)

@@ -30,6 +30,8 @@ class Daemon:
         self.events: list[m.DaemonEvent] = []
         """everything that the server published, the newest last"""
         self.status: m.DaemonStatus | None = None
+        self.checks_in = True
+        """set it to False, and the daemon soon takes whoever runs the actions for dead"""
         self._ended: dict[str, m.ActionEvent] = {}
         self._changed = threading.Condition()
         self._closing = threading.Event()
@@ -63,8 +65,9 @@ class Daemon:
     def _check_in(self) -> None:
         caller = Caller(self._runtime.endpoint("daemon.call"), timeout_s=1.0)
         while not self._closing.is_set():
-            with contextlib.suppress(Unreachable):
-                caller.call(m.CheckIn(owner=OWNER))
+            if self.checks_in:
+                with contextlib.suppress(Unreachable):
+                    caller.call(m.CheckIn(owner=OWNER))
             self._closing.wait(_CHECK_IN_S)
         caller.close()
 

@@ -22,6 +22,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -130,8 +131,17 @@ class Process:
         """SIGKILL, as a crash or the machine's memory running out would; its exit status."""
         self.send(signal.SIGKILL)
         status = self.wait(_DEATH_S)
-        assert status is not None, f"{self.name} outlives SIGKILL"
+        assert status is not None, f"{self.name} outlives SIGKILL by {_DEATH_S:g} s: {self._threads()}"
         return status
+
+    def _threads(self) -> str:
+        """What keeps its threads, as the kernel tells (proc(5), stat and wchan)."""
+        told = []
+        for thread in sorted(Path(f"/proc/{self.pid}/task").glob("*")):
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                state = (thread / "stat").read_text().rpartition(")")[2].split()[0]
+                told.append(f"thread {thread.name} {state} in {(thread / 'wchan').read_text() or '?'}")
+        return ", ".join(told) or "it has no threads any more"
 
     def end(self) -> int:
         """SIGTERM, and SIGKILL after a while; its exit status."""

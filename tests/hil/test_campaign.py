@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from benchmarks.campaign import cli, run, turn
 from benchmarks.campaign.cases import LENGTH_S, Case, draw
-from benchmarks.campaign.kinds import KINDS
+from benchmarks.campaign.kinds import DEVICE_KINDS, KINDS
 from benchmarks.campaign.report import write_into
 from benchmarks.campaign.run import Row
 from benchmarks.campaign.verdict import FORCE_LIMIT_N, Verdict, judge
@@ -102,6 +102,8 @@ def test_a_case_follows_from_its_number_and_every_kind_has_its_turn():
     assert all(0 <= case.at <= LENGTH_S for case in cases)
     assert len({case.at for case in cases}) > 150
     assert cases != [draw(number, 8, ROBOT) for number in range(200)]
+    struck = {kind: {case.fault.node for case in cases if case.kind == kind} for kind in DEVICE_KINDS}
+    assert struck == {"sensor": {"torso_imu", "wrist_right_ft", "wrist_left_ft"}, "battery": {"battery"}}
 
 
 @pytest.fixture

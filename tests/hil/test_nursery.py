@@ -50,6 +50,16 @@ def test_children_are_processes_that_can_be_killed_and_ended_one_by_one(nursery)
     assert other.end() == -signal.SIGTERM, "the end of what has ended is told again"
 
 
+def test_a_child_that_outlives_its_killing_is_reported_with_what_keeps_each_of_its_threads(nursery, monkeypatch):
+    child = start(nursery)
+    with monkeypatch.context() as pretended:
+        pretended.setattr(child, "send", lambda _: None)
+        pretended.setattr(child, "wait", lambda _: None)
+        with pytest.raises(AssertionError, match=rf"server outlives SIGKILL by .*thread {child.pid} [RS] in \w+"):
+            child.kill()
+    assert child.kill() == -signal.SIGKILL
+
+
 def test_a_child_that_ends_at_once_says_why(nursery):
     child = nursery.start("server", "http.server", ["--port-of-call"])
     with pytest.raises(ProcessDied, match="unrecognized arguments"):

@@ -126,7 +126,7 @@ def _bus_rows() -> list[Row]:
     kinematics, protocol = Kinematics(description), LimbProtocol(description)
     warm_up(kinematics)
     with _processes("plant") as runtime:
-        port = HubPort(runtime.bus, [channel.name for channel in description.channels], name="daemon")
+        port = HubPort(runtime.bus, [channel.name for channel in description.channels], name="daemon", ticks=True)
         hardware = _TimedHardware(description, port, protocol)
         core = SharedCore(port.hub_process)
         loop = Loop(hardware, kinematics, True, runtime, core)

@@ -63,8 +63,10 @@ class Life:
         if stranger >= 0:
             version = float(self._hardware.protocol_version[stranger])
             return Refusal(Answer.PROTOCOL_MISMATCH, stranger, version)
+        unknown = self._hardware.first_unknown()
+        if unknown >= 0:
+            return Refusal(Answer.PROTOCOL_UNKNOWN, unknown)
         if not self._manager.enabled:
-            self._hardware.goal = Goal.OPERATIONAL
             self._enabling_for = 0
         return None
 
@@ -84,15 +86,20 @@ class Life:
 
     def update(self) -> None:
         """Follow the drives: finish enabling, or quick-stop everything when one of them is lost."""
+        hardware = self._hardware
         if self._manager.enabled:
-            lost = self._hardware.first_lost()
-            if lost >= 0:
-                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, lost)
+            wrong = max(hardware.first_lost(), hardware.first_stranger())
+            if wrong >= 0:
+                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, wrong)
         elif self._enabling_for >= 0:
             self._enabling_for += 1
-            if self._hardware.first_stranger() >= 0:  # it said so only now
-                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, self._hardware.first_stranger())
-            elif self._hardware.operational:
+            wrong = max(hardware.first_stranger(), hardware.first_unknown())
+            if wrong >= 0:  # it said so, or kept its silence for long enough, only now
+                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, wrong)
+            elif hardware.goal is not Goal.OPERATIONAL:
+                if hardware.acquainted:  # no drive comes to operation that may not understand what it is told there
+                    hardware.goal = Goal.OPERATIONAL
+            elif hardware.operational:
                 self._manager.enable()
                 self._devices.enable()
                 self._enabling_for = -1

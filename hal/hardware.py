@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 import time
+from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from hal.drives.lifecycle import CONTROLWORD, STATE_OF_STATUSWORD, Command, Stat
 from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import ParameterReply
 from hal.joint import JointCommand, JointState
+from hal.punctuality import Punctuality
 from handrail.robot.description import RobotDescription
 
 LOST_AFTER = 50
@@ -102,7 +104,7 @@ class Hardware:
         self.crc_errors = 0
         """replies whose CRC was wrong, since the start"""
         self.stale_replies = 0
-        """replies that were not there in the cycle after their command, since the start"""
+        """replies that came later than their channel's usually do (hal.punctuality), since the start"""
         self.bus_time_ns = 0
         """when the first of the last replies came, on the clock of whoever runs the bus"""
         self.counters = port.counters
@@ -118,6 +120,11 @@ class Hardware:
         self._lost = self._silent = 0
         self._grow_older(0)
         self._identified, self._asked_for = False, np.zeros(n, np.int64)
+        self._says_version = protocol.protocol_version > 0
+        self._stranger = self._unknown = -1
+        channels = [channel.name for channel in description.channels]
+        of_joint = {joint: channels.index(limb.channel) for limb in description.limbs for joint in limb.joints}
+        self._punctuality = Punctuality([of_joint[joint] for joint in description.joints], len(channels), LOST_AFTER)
         self._survey()
         self._out = frames.empty(protocol.frames_a_cycle)
 
@@ -150,9 +157,16 @@ class Hardware:
 
     def first_stranger(self) -> int:
         """Row of the first drive that says that it speaks another version of its family's protocol; −1: none does."""
-        versions, expected = self.protocol_version, self._protocol.protocol_version
-        strange = np.flatnonzero((expected > 0) & ~np.isnan(versions) & (versions != expected))
-        return int(strange[0]) if len(strange) else -1
+        return self._stranger
+
+    def first_unknown(self) -> int:
+        """Row of the first drive that was asked for that version often and in vain; −1: none was."""
+        return self._unknown
+
+    @property
+    def acquainted(self) -> bool:
+        """Every drive whose family has a protocol version has said which one it speaks."""
+        return not (self._says_version & np.isnan(self.protocol_version)).any()
 
     def expected_protocol_version(self, joint: int) -> int:
         """The version that a joint's drive must speak; 0: its family has none."""
@@ -189,7 +203,7 @@ class Hardware:
                 late = self._survey()
             if late and told and self._ticks < self._ticks_due:
                 self._ticks_due = self._ticks  # a word of the plant's was lost: count anew
-        self.stale_replies += late
+        self.stale_replies += self._punctuality.late(self.state.age, late > 0)
         return True
 
     def give_up(self) -> None:
@@ -214,8 +228,8 @@ class Hardware:
         self.bus_time_ns = int(records["time_ns"][0])
         good, bad = self._protocol.decode_status(records, len(records), self.state, self.devices)
         self.crc_errors += bad
-        if not self._identified:
-            self._take_identities()
+        if replies := self._protocol.replies():  # a tool may have asked, too
+            self._take_identities(replies)
         return good
 
     def _survey(self) -> int:
@@ -241,7 +255,7 @@ class Hardware:
         )
         if not self._identified:  # Sync goes last
             count -= len(self.counters)
-            count += self._ask_who(out[count:])
+            count += self._ask_who(out[count:], cycle)
             count += self._protocol.encode_sync(cycle, out[count:])
         # More words than cycles: another process's Sync moved the plant, too. The next word is this cycle's.
         self._ticks_due = max(self._ticks_due, self._ticks) + 1
@@ -256,34 +270,47 @@ class Hardware:
         """Leave the buses; the drives' watchdogs do the rest."""
         self._port.close()
 
-    def _ask_who(self, out: npt.NDArray[np.void]) -> int:
-        """Ask some of the drives that are there for the versions that are not known yet; frames written."""
-        unknown = np.isnan(self.protocol_version) | np.isnan(self.firmware_version)
-        unknown &= (self._protocol.protocol_version > 0) & (self._asked_for < _PATIENCE)
-        self._identified = not unknown.any() and self._silent < 0
-        rows = np.flatnonzero(unknown & (self.state.age < LOST_AFTER))
+    def _ask_who(self, out: npt.NDArray[np.void], cycle: int) -> int:
+        """Ask some of the drives that are there for the versions that are not known yet; frames written.
+
+        Who has never said its protocol version is asked on after `_PATIENCE` times, but seldom: it may have been updated.
+        """
+        unknown = self._says_version & np.isnan(self.protocol_version)
+        due = unknown | (self._says_version & np.isnan(self.firmware_version))
+        due &= (self._asked_for < _PATIENCE) | (unknown & (cycle % _PATIENCE == 0))
+        self._identified = not unknown.any() and not due.any() and self._silent < 0
+        rows = np.flatnonzero(due & (self.state.age < LOST_AFTER))
         count = 0
         for row in rows[np.argsort(self._asked_for[rows], kind="stable")][:_REQUESTS_A_CYCLE].tolist():
             known = not np.isnan(self.protocol_version[row])
             index = Parameter.FIRMWARE_VERSION if known else Parameter.PROTOCOL_VERSION
             self._asked_for[row] += 1
             count += self._protocol.encode_request(row, index, None, self._sequence, out[count:])
+        self._look_at_identities()
         return count
 
-    def _take_identities(self) -> None:
+    def _take_identities(self, replies: Iterable[ParameterReply]) -> None:
         known = {
             int(Parameter.PROTOCOL_VERSION): self.protocol_version,
             int(Parameter.FIRMWARE_VERSION): self.firmware_version,
         }
-        for reply in self._protocol.replies():
+        for reply in replies:
             if reply.index in known and reply.result == ParameterResult.OK:
                 known[reply.index][reply.joint] = reply.value
+        self._look_at_identities()
+
+    def _look_at_identities(self) -> None:
+        """After whatever may have changed them, so that no cycle has to look."""
+        versions, expected = self.protocol_version, self._protocol.protocol_version
+        self._stranger = _first(self._says_version & ~np.isnan(versions) & (versions != expected))
+        self._unknown = _first(self._says_version & np.isnan(versions) & (self._asked_for >= _PATIENCE))
 
     def _forget_identities(self) -> None:
         gone = self.state.age > LOST_AFTER
         self.protocol_version[gone] = self.firmware_version[gone] = np.nan
         self._asked_for[gone] = 0
         self._identified = False
+        self._look_at_identities()
 
     def _next_controlwords(self) -> None:
         words, state = self._controlwords, self._drive_state
@@ -297,6 +324,11 @@ class Hardware:
                 ready = ((state == State.SWITCHED_ON) | (state == State.OPERATION_ENABLED)).all()
                 rung = State.OPERATION_ENABLED if ready else State.SWITCHED_ON
                 words[:] = controlword_towards(rung, state, words)
+
+
+def _first(rows: npt.NDArray[np.bool_]) -> int:
+    """The first row that is set; −1: none is."""
+    return int(np.argmax(rows)) if rows.any() else -1
 
 
 # Few arguments, whole memories (hal.joint, hal.device): in every cycle, handing over an array costs as much as these loops.

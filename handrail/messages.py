@@ -111,7 +111,7 @@ class LoopStatistics(msgspec.Struct, kw_only=True):
     misses: int = 0
     """periods skipped because a cycle overran (wall clock)"""
     stale_replies: int = 0
-    """drive replies that did not arrive in their cycle"""
+    """drive replies that came later than usual on their channel: usual is what its promptest drive has done for 50 cycles"""
     crc_errors: int = 0
     work_p50_us: float = 0.0
     work_p99_us: float = 0.0

@@ -23,6 +23,7 @@ def main() -> None:
     from hal.can.hub import Hub
     from hal.can.port import HubPort
     from hal.drives.protocol import LimbProtocol
+    from hal.hardware import Hardware
     from hal.plant import service
     from hal.plant.bus_node import BusNode
     from hal.plant.scene import load
@@ -32,7 +33,7 @@ def main() -> None:
 
     description = robots.load("talos_upper")
     kinematics = Kinematics(description)
-    LimbProtocol(description)
+    protocol = LimbProtocol(description)
     loop.warm_up(kinematics)
     with tempfile.TemporaryDirectory(prefix="hr") as folder:
         hub = Hub(Path(folder) / "bus.sock", description.channels)
@@ -40,7 +41,7 @@ def main() -> None:
         serving = threading.Thread(target=lambda: [hub.poll(0.05) for _ in iter(joined.is_set, True)])
         serving.start()
         try:
-            HubPort(Path(folder) / "bus.sock").close()
+            Hardware(description, HubPort(Path(folder) / "bus.sock"), protocol).close()
         finally:
             joined.set()
             serving.join()

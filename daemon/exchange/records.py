@@ -101,6 +101,8 @@ class Answer(enum.IntEnum):
     PROTOCOL_MISMATCH = 12
     """the drive of `answer_joint` speaks version `answer_value` of its protocol"""
     ENABLED = 13
+    PROTOCOL_UNKNOWN = 14
+    """the drive of `answer_joint` does not say which version of its protocol it speaks"""
 
 
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")

@@ -119,6 +119,13 @@ def explain(answer: Answer, joint: str, value: float, problem: str = "") -> tupl
             f"{value:g}",
             "the version of its family (hal/drives)",
         ),
+        Answer.PROTOCOL_UNKNOWN: (
+            f"the drive of {joint} does not say which version of its protocol it speaks: update its firmware, or give a family "
+            f"whose drives answer no parameter requests no protocol_version (docs/drives.md); it is asked again all the while",
+            "protocol_version",
+            "no answer",
+            "an answer to a ParameterRequest for it",
+        ),
         Answer.DEVICE_SILENT: (f"{joint} does not answer", "device", joint, "a device that answers"),
         Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
     }

@@ -249,6 +249,8 @@ class LimbProtocol:
     def replies(self) -> list[ParameterReply]:
         """The parameter replies among the records of the last `decode_status`."""
         count = int(self._notes[host_side.REPLIES])
+        if not count:  # as in nearly every cycle
+            return []
         return [
             ParameterReply(row[0], row[2], bool(row[3]), row[7], row[4], _float(row[5]))
             for row in self._replies[:count].tolist()

@@ -20,6 +20,7 @@ from daemon.ring import StateRingReader
 from hal.can import frames
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State
+from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import JointCommand, JointState
@@ -44,6 +45,8 @@ class JointDrives:
         self.state.position[:] = description.home_position()
         self.life = np.full(n, State.SWITCH_ON_DISABLED, np.uint8)
         self.silent = np.zeros(n, bool)
+        self.protocol_version, self.mute = protocol.protocol_version.astype(float), np.zeros(n, bool)
+        """what each drive says when it is asked; drives that do not answer parameter requests"""
         self.external_torque = np.zeros(n)
         self.saturate = True
         self.seen: list[JointCommand] = []
@@ -93,6 +96,12 @@ class JointDrives:
         state.sequence[:] = self.targets.sequence
         answer = self.targets.answer & ~self.silent
         self._waiting = self._protocol.encode_status(state, np.zeros(n, np.uint8), answer, self._out)
+        for request in self._protocol.requests(self.targets):
+            if not self.silent[request.joint] and not self.mute[request.joint]:
+                asked = request.index == Parameter.PROTOCOL_VERSION
+                value = self.protocol_version[request.joint] if asked else 1.0
+                out = self._out[self._waiting :]
+                self._waiting += self._protocol.encode_reply(request, ParameterResult.OK, value, out)
 
     def receive(self, timeout_s: float = 0.0) -> np.ndarray:
         waiting, self._waiting = self._waiting, 0

@@ -17,6 +17,7 @@ from hal.drives.lifecycle import State
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import LOST_AFTER, Goal, Hardware
 from hal.joint import JointCommand, JointState
+from hal.punctuality import SETTLES_AFTER
 
 
 class Node:
@@ -163,6 +164,12 @@ def test_drives_whose_answers_always_come_late_are_as_old_as_what_they_answer(wi
         cycle(hardware, node)
     assert (hardware.state.age == 3).all() and hardware.first_silent() == -1
     assert hardware.stale_replies == stale + 5 * len(node.life)
+    for _ in range(SETTLES_AFTER):
+        cycle(hardware, node)
+    stale = hardware.stale_replies
+    for _ in range(5):
+        cycle(hardware, node)
+    assert hardware.stale_replies == stale, "by now that is how these channels work"
 
 
 def test_drives_whose_answers_come_later_than_a_lost_drive_s_are_lost(wired) -> None:

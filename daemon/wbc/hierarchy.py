@@ -1,0 +1,269 @@
+"""Tasks in strict order under constraints, solved once a cycle: what a controller holds.
+
+    body = WholeBody(model, levels=[[CartPos(frame="hand")], [JPos()]], constraints=[JointLimits()])
+    body["CartPos hand"].pose(position=(0.4, -0.2, 0.1))
+    model.place(position, velocity)
+    result = body.solve()
+
+Level by level, min Σ wᵢ² |J_i x − a_i|² over x = (q̈, f), subject to the constraints and to everything that the levels above have
+reached (Kanoun, Lamiraux and Wieber 2011; Escande, Mansard and Wieber 2014). The kernel (kernels.py) finds which bounds are active,
+from those of the last cycle on; where it knows no point that keeps all of them, feasibility.py finds one, or says what is in the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from daemon.wbc import kernels
+from daemon.wbc import layout as at
+from daemon.wbc.constraints import Constraint, JointLimits, unlimited
+from daemon.wbc.feasibility import Feasibility
+from daemon.wbc.handle import Handle
+from daemon.wbc.layout import Kind
+from daemon.wbc.memory import Array, Integers, Memory
+from daemon.wbc.model import WholeBodyModel
+from daemon.wbc.parameters import Entry, WbcError
+from daemon.wbc.result import Result
+from daemon.wbc.rows import task_rows
+from daemon.wbc.tasks import JPos, Task
+
+_GRAVITY_REACH = 0.1
+"""m: a moment counts as a force at this distance, where forces are shared out"""
+_FORCE_SHARE = 0.1
+"""of an acceleration's weight, that of the force which makes it"""
+
+
+class WholeBody:
+    """The solver of one robot, one list of constraints and one of levels, highest first."""
+
+    def __init__(self, model: WholeBodyModel, levels: Sequence[Sequence[Task]], constraints: Sequence[Constraint] = ()):
+        """References start where the model is now. Raises WbcError naming what is wrong in which task."""
+        self.model = model
+        limits = [c for c in constraints if isinstance(c, JointLimits)]
+        if len(limits) > 1:
+            raise WbcError("JointLimits", f"got {len(limits)}; expected at most one")
+        self.handles: dict[str, Handle] = {}
+        self._entries: list[Entry] = []
+        self._titles: list[str] = []
+        equalities: list[tuple[str, Entry]] = []
+        bounded: list[tuple[str, Entry]] = []
+        for number, constraint in enumerate(constraints):
+            for made in _named(lambda c=constraint: c.entries(model), f"constraints[{number}]"):
+                holds = made.kind in (Kind.POSE, Kind.TRANSMISSION)
+                (equalities if holds else bounded).append((constraint.title, made))
+        by_level = [
+            [(task, _named(lambda t=task: t.entry(model), f"levels[{i}][{j}]")) for j, task in enumerate(level)]
+            for i, level in enumerate(levels)
+        ]
+        posture = _posture_of(by_level, model)
+        self._lay_out(equalities, by_level, bounded, posture)
+        self._limits = self._memory["limits"]
+        self._limits[:] = limits[0].table(model) if limits else unlimited(model)
+        self._limits_title = limits[0].title if limits else "JointLimits"
+        self.result = Result(
+            self._memory["out"][0, : model.nv], self._memory["out"][1, : model.nv], self._memory["out"][2]
+        )
+        self._feasibility = Feasibility(self)
+
+    def _lay_out(
+        self,
+        equalities: list[tuple[str, Entry]],
+        by_level: list[list[tuple[Task, Entry]]],
+        bounded: list[tuple[str, Entry]],
+        posture: Entry | None,
+    ) -> None:
+        model = self.model
+        nv = model.nv
+        free = len(equalities)
+        count = len(by_level) + 1
+        self._entries = [made for _, made in equalities] + [made for level in by_level for _, made in level]
+        self._entries += [made for _, made in bounded]
+        self._titles = [title for title, _ in equalities] + [task.title for level in by_level for task, _ in level]
+        self._titles += [title for title, _ in bounded]
+        nf = self._share_forces()
+        n = nv + nf
+        tasks = len(self._entries)
+        self.plan: Integers = np.zeros((max(tasks, 1), at.PLAN), np.int64)
+        self.levels: Integers = np.zeros((count + 1, 4), np.int64)
+        self.sizes: Integers = np.zeros(at.SIZES, np.int64)
+        sizes = self.sizes
+        row, first_task, widest = model.base, 0, 1
+        self._row_task: list[int] = [-1] * model.base
+        for level, members in enumerate(
+            [[made for _, made in equalities], *([m for _, m in level] for level in by_level)]
+        ):
+            first_row = 0 if level == 0 else row
+            for k, made in enumerate(members, first_task):
+                self.plan[k, at.FIRST] = row
+                self.plan[k, at.COUNT] = 0 if made is posture else made.count
+                row += int(self.plan[k, at.COUNT])
+                self._row_task += [k] * int(self.plan[k, at.COUNT])
+            self.levels[level] = first_task, len(members), first_row, row - first_row
+            first_task += len(members)
+            widest = max(widest, row - first_row if level else 1)
+        self.levels[count] = first_task, len(bounded), 0, 0
+        rows, extra = row, 0
+        for k, (_, made) in enumerate(bounded, first_task):
+            self.plan[k, at.FIRST], self.plan[k, at.COUNT] = extra, made.count
+            extra += made.count
+        self._bounded_title = [title for title, made in bounded for _ in range(made.count)]
+        postures = [made for made in self._entries if made.posture is not None]
+        given = [made for made in self._entries if made.given is not None]
+
+        memory = self._memory = Memory(at.NAMES)
+        model.share(memory)
+        memory.make("parameters", tasks, at.PARAMETERS_WIDTH)
+        memory.make("posture", 6 * len(postures), nv)
+        memory.make("given", sum(made.count for made in given), n + 1)
+        memory.make("limits", 6, nv)
+        memory.make("factor", nv, nv)
+        memory.make("raw", rows, n)
+        memory.make("projected", rows, n)
+        memory.make("row", at.ROW_HEIGHT, rows)
+        memory.make("bounded", extra, n)
+        memory.make("active_row", n, n)
+        memory.make("active", 4, n)
+        memory.make("basis", 2 * n, n)
+        memory.make("within", rows, 2 * n)
+        memory.make("owned", 3, 2 * n)
+        memory.make("y", 6, n)
+        memory.make("level", at.LEVEL_HEIGHT + 1, count + 1)
+        memory.make("bound", 2, 2 * nv + extra)
+        memory.make("value", 2, 2 * nv + extra)
+        memory.make("force_rows", nf, nv)
+        memory.make("out", 3, max(nv, nf))
+        memory.make("posture_target", 1, n)
+        memory.make("force_scales", 1, nf)
+        memory.make("gram", 6 * max(widest, 1), max(widest, 1))
+        settings = memory.make("settings", 1, at.SETTINGS_WIDTH)[0]
+        settings[at.GRAVITY_Z], settings[at.MASS_TOTAL] = model.model.gravity.linear[2], model.mass
+        settings[at.FORCE_SCALE] = np.sqrt(model.mass) / _FORCE_SHARE
+        settings[at.MOMENT_SCALE] = settings[at.FORCE_SCALE] * _GRAVITY_REACH
+
+        posture_slot = given_slot = 0
+        for k, made in enumerate(self._entries):
+            plan = self.plan[k]
+            plan[at.KIND], plan[at.JOINT], plan[at.BASE_JOINT] = made.kind, made.joint, made.base_joint
+            plan[at.MASK], plan[at.SLOT], plan[at.ON] = made.mask, made.slot, 1
+            plan[at.FORCE_FIRST] = self._force_first[k]
+            memory["parameters"][k] = made.parameters
+            if made.posture is not None:
+                plan[at.SLOT] = posture_slot
+                memory["posture"][6 * posture_slot : 6 * posture_slot + 6] = made.posture
+                posture_slot += 1
+            if made.given is not None:
+                plan[at.SLOT] = given_slot
+                given_slot += made.count
+        sizes[at.N], sizes[at.NV], sizes[at.NF], sizes[at.LEVELS] = n, nv, nf, count
+        sizes[at.TASKS], sizes[at.BASE], sizes[at.BOUNDED_ROWS] = tasks, model.base, extra
+        sizes[at.POSTURE_TASK] = next((k for k, made in enumerate(self._entries) if made is posture), -1)
+        sizes[at.EQUALITIES] = self.levels[0, 3]
+        self.bounds: Integers = np.zeros((n, 2), np.int64)
+        self.arguments = (memory.table, self.plan, model.support, model.roots, self.levels, sizes, self.bounds)
+        for k, level_task in enumerate((task for level in by_level for task, _ in level), free):
+            title = level_task.title
+            if title in self.handles:
+                raise WbcError(title, "got this name twice; expected a name of its own (name: ...)")
+            self.handles[title] = Handle(self, k, self._entries[k])
+        for k, (title, made) in enumerate([*equalities], 0):
+            if made.kind in (Kind.POSE, Kind.TRANSMISSION) and title not in self.handles:
+                self.handles[title] = Handle(self, k, made)
+
+    def _share_forces(self) -> int:
+        """Give out force coordinates: contacts and free wrenches bring theirs, others use those of a contact. Returns how many."""
+        first = [-1] * len(self._entries)
+        at_frame: dict[str, int] = {}
+        nf = 0
+        for k, made in enumerate(self._entries):
+            if made.force_frame:
+                if made.force_frame in at_frame:
+                    raise WbcError(made.force_frame, "has two contacts; expected one a frame")
+                first[k] = at_frame[made.force_frame] = nf
+                nf += made.force_axes.bit_count()
+        of_contact = {self._entries[k].force_frame: self._entries[k] for k in range(len(first)) if first[k] >= 0}
+        for k, made in enumerate(self._entries):
+            if made.force_of and made.force_of in at_frame:
+                contact = of_contact[made.force_of]
+                if made.mask & ~contact.force_axes:
+                    raise WbcError(
+                        self._titles[k], "asks for moments of a point contact; expected forces, or a flat contact"
+                    )
+                first[k] = at_frame[made.force_of]
+                made.slot = 1
+            elif made.force_of:
+                first[k], nf = nf, nf + made.force_axes.bit_count()
+        self._force_first = first
+        return nf
+
+    def __getitem__(self, title: str) -> Handle:
+        """A task's (or an equality's) handle, by its title. Raises KeyError."""
+        return self.handles[title]
+
+    def solve(self) -> Result:
+        """Solve for the state that the model was last put in."""
+        result = self.result
+        status = kernels.solve(*self.arguments)
+        if status == at.SOLVED:
+            result.solved, result.active = True, int(self.sizes[at.ACTIVE_COUNT])
+            result.why, result.blocked = "", ()
+        else:
+            self._feasibility.solve(status)
+        return result
+
+    def warm_up(self) -> None:
+        """Compile (or load) all kernels: before a loop starts."""
+        self.solve()
+        kernels.descend(*self.arguments)
+        self._feasibility.solve(at.SEARCHING)
+        self.sizes[at.ACTIVE_COUNT] = 0
+
+    def task_rows(self, number: int, rows: Array, wanted: Array) -> None:
+        """J (count, n) and a (count,) of the task with this number in the plan, as of the model's last pass."""
+        nv, n = int(self.sizes[at.NV]), int(self.sizes[at.N])
+        task_rows(self._memory.table, self.plan, self.model.support, self.model.roots, nv, n, number, rows, wanted, 0)
+
+    def residual(self, title: str) -> Array:
+        """J x − a of a task (count,), in its own units, for the last solution: what priorities and bounds left."""
+        return self.handles[title].residual()
+
+    def exact(self, level: int) -> bool:
+        """No direction of a level (0: the first) was damped or had to give way to those above, in the last walk."""
+        about = self._memory["level"]
+        return bool(about[at.FILTERED, level + 1] == 0.0 and about[at.LEAST, level + 1] > 0.0)
+
+    def bound_title(self, number: int) -> tuple[str, str]:
+        """(what it is called, its unit) of a bound."""
+        nv = self.model.nv
+        if number >= 2 * nv:
+            return self._bounded_title[number - 2 * nv], "N or m/s²"
+        joint = self.model.joints[int(np.flatnonzero(self.model.rows == number % nv)[0])]
+        if number >= nv:
+            return f"{self._limits_title} torque of {joint}", "N·m"
+        return f"{self._limits_title} motion of {joint}", "rad/s²"
+
+    def equality_title(self, row: int) -> str:
+        """What the equality of a row is called."""
+        task = self._row_task[row]
+        return "free base's dynamics" if task < 0 else self._titles[task]
+
+    @property
+    def memory(self) -> Memory:
+        """The arrays that the kernels work on."""
+        return self._memory
+
+
+def _posture_of(by_level: list[list[tuple[Task, Entry]]], model: WholeBodyModel) -> Entry | None:
+    """The posture that the last level is nothing else but, for all joints: it is met in the mass metric."""
+    if not by_level or len(by_level[-1]) != 1:
+        return None
+    task, made = by_level[-1][0]
+    return made if isinstance(task, JPos) and made.count == model.nv - model.base else None
+
+
+def _named(make, where: str):  # type: ignore[no-untyped-def]
+    try:
+        return make()
+    except WbcError as error:
+        raise WbcError(f"{where}.{error.field}", error.problem) from error

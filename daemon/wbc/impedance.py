@@ -1,0 +1,38 @@
+"""From accelerations and torques to what a drive with an impedance takes: τ, q, q̇, K, D (Radford et al. 2015, §5.2.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon.wbc.memory import Array
+
+
+class ImpedanceOutput:
+    """Desired joint positions and velocities that go with the torques: q̈ integrated, and drawn back to what is measured.
+
+    q̇_d += T (q̈ + λ (q̇ − q̇_d)),  q_d += T (q̇_d + λ (q − q_d)): without the leak λ, 1/s, every error of the model would pile up
+    in q_d; with it, a constant one stands at q̈_error / λ² beside the robot, and stiffness K about q_d then helps instead of
+    pulling away. The torque that leaves the drive, τ + K (q_d − q) + D (q̇_d − q̇), differs from the solver's τ by what the last two say; `within`
+    bounds q_d − q, so that they never say more than it times K.
+    """
+
+    def __init__(self, joints: int, period: float, *, leak: float = 20.0, within: float = 0.05):
+        """`period` s of the loop; `within` rad. Raises ValueError for a leak that the period is too long for."""
+        if not 0.0 <= leak * period < 1.0:
+            raise ValueError(f"leak: got {leak:g} 1/s at a period of {period:g} s; expected their product from 0 to 1")
+        self._period, self._leak, self._within = period, leak, within
+        self.position, self.velocity = np.zeros(joints), np.zeros(joints)
+        """rad, rad/s (n,): desired"""
+
+    def start(self, position: Array, velocity: Array) -> None:
+        """From a command: no jump."""
+        self.position[:], self.velocity[:] = position, velocity
+
+    def advance(self, acceleration: Array, position: Array, velocity: Array) -> None:
+        """One period on: q̈ (n,) of the solver, the measured position and velocity (n,). What is not finite changes nothing."""
+        step = self._period * (acceleration + self._leak * (velocity - self.velocity))
+        if not np.isfinite(step).all() or not np.isfinite(position).all():
+            return
+        self.velocity += step
+        self.position += self._period * (self.velocity + self._leak * (position - self.position))
+        np.clip(self.position, position - self._within, position + self._within, out=self.position)

@@ -1,0 +1,210 @@
+"""The robot as whole-body control sees it: one pinocchio pass a cycle, and its results where kernels read them.
+
+Two calls give everything: the composite-rigid-body algorithm in world axes (mass matrix, joint Jacobians, centroidal momentum,
+placements) and Newton-Euler at zero acceleration (bias forces, velocities, drift accelerations). Featherstone 2008, chapters 5, 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from daemon.wbc.memory import Array, Integers, Memory
+from handrail.robot.description import RobotDescription
+from handrail.robot.kinematics import Kinematics
+
+FREE_BASE = 6
+"""velocities of a free base before those of the joints"""
+_WORLD = pin.Convention.WORLD
+VIEWS = (
+    "mass",
+    "bias",
+    "jacobian",
+    "momentum",
+    "placement",
+    "parent_placement",
+    "velocity",
+    "drift",
+    "force",
+    "com",
+    "state",
+)
+"""What a pass leaves in memory, in the order of the kernels' table."""
+
+
+class WholeBodyModel:
+    """A pinocchio model of `joints` one-degree-of-freedom joints, on a fixed base or a free one, and the state it was last put in.
+
+    Arrays are in the model's own order: `nv` velocities, a free base's six first (linear, angular, in the base's axes), then one a
+    joint; `rows` says where each of `joints` is. Frames are in the world.
+    """
+
+    def __init__(self, model: pin.Model, joints: Sequence[str] | None = None):
+        """Raises ValueError for a model with other joints than those, but for a free base."""
+        self.model, self.data, self._other = model, model.createData(), model.createData()
+        self.free = model.njoints > 1 and model.joints[1].nv == FREE_BASE
+        first = 2 if self.free else 1
+        others = [model.names[j] for j in range(first, model.njoints) if model.joints[j].nq != 1]
+        if others:
+            raise ValueError(f"joint {others[0]}: got one with several coordinates; expected revolute or prismatic")
+        self.joints = tuple(joints if joints is not None else model.names[first:])
+        if missing := set(model.names[first:]).symmetric_difference(self.joints):
+            raise ValueError(f"joints: {sorted(missing)[0]} is not on both lists, the model's and the robot's")
+        self.nv, self.nq = model.nv, model.nq
+        self.base = FREE_BASE if self.free else 0
+        """velocities before the first joint's"""
+        self.rows: Integers = np.array([model.idx_vs[model.getJointId(name)] for name in self.joints], np.int64)
+        self._q_rows = self.rows + (self.nq - self.nv)
+        self.mass = float(pin.computeTotalMass(model))
+        """kg"""
+        self.q, self.v = pin.neutral(model), np.zeros(self.nv)
+        """the state as pinocchio takes it; `place` writes it"""
+        self.support = np.zeros((model.njoints, self.nv + 1), np.int64)
+        """[j, 0]: how many velocities move joint j's body; [j, 1:]: which, from the root on"""
+        for j in range(1, model.njoints):
+            chain = [c for i in model.supports[j] if i for c in range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])]
+            self.support[j, 0], self.support[j, 1 : len(chain) + 1] = len(chain), chain
+        self.roots = np.array([j for j in range(1, model.njoints) if model.parents[j] == 0], np.int64)
+        self._frames: dict[str, int] = {}
+        self.state = np.zeros((2, self.nv))
+        """position and velocity (2, nv) as of the last pass; a free base has no position here"""
+        self._update()
+
+    @classmethod
+    def of(cls, kinematics: Kinematics, *, free: bool = False) -> WholeBodyModel:
+        """Of a robot with its joints in the description's order; what its grippers move stands where `kinematics` has it."""
+        description: RobotDescription = kinematics.description
+        model = pin.buildModelFromUrdf(str(description.urdf), pin.JointModelFreeFlyer()) if free else kinematics.model
+        wanted = set(description.joints)
+        lock = [j for j in range(2 if free else 1, model.njoints) if model.names[j] not in wanted]
+        if lock:
+            reference = pin.neutral(model)
+            reference[model.nq - kinematics.model.nq :] = kinematics.configuration(description.home_position())
+            model = pin.buildReducedModel(_with_frames_of_one_name_each(model), lock, reference)
+        return cls(model, description.joints)
+
+    def place(
+        self, position: Array, velocity: Array, base_pose: Array | None = None, base_twist: Array | None = None
+    ) -> None:
+        """Take a state and make the pass: `position`, `velocity` one a joint of `joints`, rad, rad/s.
+
+        A free base's `base_pose` is x y z, quaternion x y z w; `base_twist` linear, angular, in the base's own axes.
+        """
+        self.q[self._q_rows], self.v[self.rows] = position, velocity
+        if self.free and base_pose is not None:
+            self.q[:7] = base_pose
+        if self.free and base_twist is not None:
+            self.v[:6] = base_twist
+        self._update()
+
+    def update(self, q: Array, v: Array) -> None:
+        """Take a state in pinocchio's own arrays, q (nq,), v (nv,), and make the pass."""
+        self.q[:], self.v[:] = q, v
+        self._update()
+
+    def _update(self) -> None:
+        self.state[0, self.base :] = self.q[self.nq - self.nv + self.base :]
+        self.state[1] = self.v
+        pin.crba(self.model, self.data, self.q, _WORLD)
+        pin.nonLinearEffects(self.model, self.data, self.q, self.v)
+
+    def frame_id(self, name: str) -> int:
+        """pinocchio's index of a frame, the link's where a joint has the same name; "" is the world. Raises KeyError."""
+        if not name:
+            return 0
+        if name not in self._frames:
+            if not self.model.existFrame(name):
+                raise KeyError(name)
+            link = self.model.existFrame(name, pin.BODY)
+            self._frames[name] = self.model.getFrameId(name, pin.BODY) if link else self.model.getFrameId(name)
+        return self._frames[name]
+
+    def frame_on_joint(self, name: str) -> tuple[int, pin.SE3]:
+        """(joint that carries the frame, 0: the world; the frame on it). Raises KeyError."""
+        if not name:
+            return 0, pin.SE3.Identity()
+        frame = self.model.frames[self.frame_id(name)]
+        return frame.parentJoint, frame.placement
+
+    def frame(self, name: str) -> pin.SE3:
+        """A frame in the world, as of the last pass. Raises KeyError."""
+        joint, placement = self.frame_on_joint(name)
+        return self.data.oMi[joint] * placement
+
+    @property
+    def com(self) -> Array:
+        """(3,) m, the centre of mass in the world, as of the last pass."""
+        return np.array(self.data.oYcrb[0].lever)
+
+    @property
+    def mass_matrix(self) -> Array:
+        """(nv, nv), as of the last pass."""
+        upper = np.triu(self.data.M)
+        return upper + np.triu(upper, 1).T
+
+    @property
+    def bias(self) -> Array:
+        """C(q, v) v + g(q), (nv,), as of the last pass."""
+        return np.array(self.data.nle)
+
+    def gravity_torque(self) -> Array:
+        """g(q), (nv,), at the last pass's position; costs a pass of its own, into data that nobody else reads."""
+        return np.array(pin.computeGeneralizedGravity(self.model, self._other, self.q))
+
+    def share(self, memory: Memory) -> None:
+        """Put views of all that a pass leaves behind under `VIEWS`, and check that pinocchio's memory is laid out as believed.
+
+        Raises RuntimeError for a pinocchio that lays its memory out otherwise.
+        """
+        data, n = self.data, self.model.njoints
+        memory.hold(self)
+        memory.put("mass", data.M.T)
+        memory.put("bias", data.nle.reshape(1, -1))
+        memory.put("jacobian", data.J.T)
+        memory.put("momentum", data.Ag.T)
+        memory.put("placement", _placements(data.oMi, n))
+        memory.put("parent_placement", _placements(data.liMi, n))
+        memory.put("velocity", _spatial(data.v, n))
+        memory.put("drift", _spatial(data.a_gf, n))
+        memory.put("force", _spatial(data.f, n))
+        memory.put("com", np.asarray(data.oYcrb[0].lever).reshape(1, 3))
+        memory.put("state", self.state)
+
+
+def _with_frames_of_one_name_each(model: pin.Model) -> pin.Model:
+    """A copy in which no other frame has a link's name: reducing a model looks frames up by name alone."""
+    model = pin.Model(model)
+    links = {frame.name for frame in model.frames if frame.type == pin.BODY}
+    for frame in model.frames:
+        if frame.type != pin.BODY and frame.name in links:
+            frame.name += " joint"
+    return model
+
+
+def _strided(first: Array, second: Array, n: int, width: int) -> Array:
+    step = second.ctypes.data - first.ctypes.data if n > 1 else width * 8
+    if step != width * 8:
+        raise RuntimeError(f"pinocchio {pin.__version__}: elements are {step} bytes apart; expected {width * 8}")
+    return np.lib.stride_tricks.as_strided(first, (n, width), (width * 8, 8))
+
+
+def _placements(vector: Sequence[pin.SE3], n: int) -> Array:
+    """(n, 12): rotation by columns, translation."""
+    flat = [vector[i].rotation.T.reshape(-1) for i in range(min(n, 2))]
+    view = _strided(flat[0], flat[-1], n, 12)
+    for i in range(n):
+        expected = np.concatenate((vector[i].rotation.T.reshape(-1), vector[i].translation))
+        if not np.array_equal(view[i], expected, equal_nan=True):
+            raise RuntimeError(f"pinocchio {pin.__version__}: SE3 is not laid out as rotation by columns, translation")
+    return view
+
+
+def _spatial(vector: Sequence[pin.Motion], n: int) -> Array:
+    """(n, 6): linear, angular."""
+    flat = [vector[i].vector for i in range(min(n, 2))]
+    view = _strided(flat[0], flat[-1], n, 6)
+    if any(not np.array_equal(view[i], vector[i].vector, equal_nan=True) for i in range(n)):
+        raise RuntimeError(f"pinocchio {pin.__version__}: motions are not laid out as six numbers")
+    return view

@@ -7,7 +7,7 @@
 
 Level by level, min Σ wᵢ² |J_i x − a_i|² over x = (q̈, f), subject to the constraints and to everything that the levels above have
 reached (Kanoun, Lamiraux and Wieber 2011; Escande, Mansard and Wieber 2014). The kernel (kernels.py) finds which bounds are active,
-from those of the last cycle on; where it knows no point that keeps all of them, feasibility.py finds one, or says what is in the way.
+from those of the last cycle on; where it knows no point that keeps them all, feasibility.py finds one, or says what is in the way.
 """
 
 from __future__ import annotations

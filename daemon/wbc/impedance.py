@@ -10,10 +10,10 @@ from daemon.wbc.memory import Array
 class ImpedanceOutput:
     """Desired joint positions and velocities that go with the torques: q̈ integrated, and drawn back to what is measured.
 
-    q̇_d += T (q̈ + λ (q̇ − q̇_d)),  q_d += T (q̇_d + λ (q − q_d)): without the leak λ, 1/s, every error of the model would pile up
-    in q_d; with it, a constant one stands at q̈_error / λ² beside the robot, and stiffness K about q_d then helps instead of
-    pulling away. The torque that leaves the drive, τ + K (q_d − q) + D (q̇_d − q̇), differs from the solver's τ by what the last two say; `within`
-    bounds q_d − q, so that they never say more than it times K.
+    q̇_d += T (q̈ + λ (q̇ − q̇_d)),  q_d += T (q̇_d + λ (q − q_d)): without the leak λ, 1/s, every error of the model would
+    pile up in q_d; with it, a constant one stands at q̈_error / λ² beside the robot, and stiffness K about q_d then helps
+    instead of pulling away. The torque that leaves the drive, τ + K (q_d − q) + D (q̇_d − q̇), differs from the solver's τ by
+    what the last two say; `within` bounds q_d − q, so that they never say more than it times K.
     """
 
     def __init__(self, joints: int, period: float, *, leak: float = 20.0, within: float = 0.05):

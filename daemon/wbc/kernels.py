@@ -2,8 +2,8 @@
 
 Every row is whitened (a L⁻¹ with M = Lᵀ L, Featherstone's factor: it keeps a limb's rows on its own joints) and of unit length.
 A walk takes the rows in order of priority: each is freed of the directions that earlier rows own (Gram-Schmidt), moves y along
-what is left until it is met, and owns that direction from then on. So a level is met exactly, as well as what is above it allows, and
-nothing below can disturb it (Siciliano and Slotine 1991; with whitening: Khatib 1987, dynamically consistent).
+what is left until it is met, and owns that direction from then on. So a level is met exactly, as well as what is above it
+allows, and nothing below can disturb it (Siciliano and Slotine 1991; with whitening: Khatib 1987, dynamically consistent).
 
 Near a singularity of a level its smallest singular values are filtered instead (Maciejewski and Klein 1988), and directions that
 all but vanish are given up softly: both are continuous in the state, so a change of rank is no jump.
@@ -428,7 +428,7 @@ def _walk(table, plan, support, roots, levels, sizes, fixed, all_levels):  # typ
 
 @njit(fastmath=FAST, error_model="numpy")
 def _first_in_the_way(table, sizes, bounds, here, there):  # type: ignore[no-untyped-def]
-    """(bound, side, share of the way): the bound that is met first from values `here`, which keep all bounds, to `there`; −1: none."""
+    """(bound, side, share of the way): which is met first from values `here`, which keep all bounds, to `there`; −1: none."""
     bound = matrix(table, at.BOUND)
     least, blocker, side = 1.0, -1, 0
     for i in range(2 * sizes[at.NV] + sizes[at.BOUNDED_ROWS]):

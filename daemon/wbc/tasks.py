@@ -50,7 +50,8 @@ class JPos(Task, tag="JPos", kw_only=True):
     """Joint positions: q̈_j = q̈_d + d (q̇_d − q̇_j) + k (q_d − q_j) for `joints` (all where none are named).
 
     All joints in the last level, the usual posture: the nearest acceleration to that in the mass metric,
-    min ½ (q̈ − q̈*)ᵀ M (q̈ − q̈*), within what is left (Gauss' principle: Udwadia and Kalaba 1992); a free base's own wanted acceleration is then 0.
+    min ½ (q̈ − q̈*)ᵀ M (q̈ − q̈*), within what is left (Gauss' principle: Udwadia and Kalaba
+    1992); a free base's own wanted acceleration is then 0.
     """
 
     joints: tuple[str, ...] = ()

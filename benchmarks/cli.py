@@ -15,7 +15,7 @@ from rich.console import Console
 import benchmarks
 from benchmarks.rows import show
 
-_NOT_BENCHMARKS = {"cli", "rows", "sea_pictures"}
+_NOT_BENCHMARKS = {"cli", "rows", "sea_pictures", "wbc_peers"}
 
 
 def names() -> list[str]:

@@ -65,6 +65,9 @@ class WholeBody:
         self.result = Result(
             self._memory["out"][0, : model.nv], self._memory["out"][1, : model.nv], self._memory["out"][2]
         )
+        self._coming = [
+            k for k, made in enumerate(self._entries) if made.kind == Kind.CLEARANCE and self._level_of(k) > 0
+        ]
         self._feasibility = Feasibility(self)
 
     def _lay_out(
@@ -197,12 +200,24 @@ class WholeBody:
         self._force_first = first
         return nf
 
+    def _level_of(self, number: int) -> int:
+        """A task's level, 0 for a constraint."""
+        first, count = self.levels[1 : int(self.sizes[at.LEVELS]), :2].T
+        inside = np.flatnonzero((first <= number) & (number < first + count))
+        return int(inside[0]) + 1 if len(inside) else 0
+
     def __getitem__(self, title: str) -> Handle:
         """A task's (or an equality's) handle, by its title. Raises KeyError."""
         return self.handles[title]
 
     def solve(self) -> Result:
         """Solve for the state that the model was last put in."""
+        if self._coming:
+            return self._solve_between()
+        self._solve_once()
+        return self.result
+
+    def _solve_once(self) -> None:
         result = self.result
         status = kernels.solve(*self.arguments)
         if status == at.SOLVED:
@@ -210,7 +225,40 @@ class WholeBody:
             result.why, result.blocked = "", ()
         else:
             self._feasibility.solve(status)
-        return result
+
+    def _solve_between(self) -> Result:
+        """With tasks that come and go: between the solutions with those that are there, the most first.
+
+        With shares s₁ ≥ s₂ ≥ …, x = (1 − s₁) x() + (s₁ − s₂) x(1) + (s₂ − s₃) x(1, 2) + …: continuous in the shares, strict where
+        they are 0 or 1, and within all bounds, which are convex (Lovász' extension; Lee, Mansard and Park 2012 for one task).
+        """
+        on = [k for k in self._coming if self.plan[k, at.ON]]
+        row, wanted = np.zeros((1, int(self.sizes[at.N]))), np.zeros(1)
+        for k in on:
+            self.task_rows(k, row, wanted)
+            self.plan[k, at.ON] = 0
+        shares = self._memory["parameters"][:, at.SHARE]
+        order = sorted(on, key=lambda k: -shares[k])
+        out, blend, worst = self._memory["out"], np.zeros_like(self._memory["out"]), None
+        most = 1.0
+        for there in range(len(order) + 1):
+            if there:
+                self.plan[order[there - 1], at.ON] = 1
+            least = float(shares[order[there]]) if there < len(order) else 0.0
+            if not most - least > 0.0:
+                most = least
+                continue
+            self._solve_once()
+            blend += (most - least) * out
+            most = least
+            if not self.result.solved:
+                worst = (self.result.why, self.result.blocked)
+        for k in on:
+            self.plan[k, at.ON] = 1
+        out[:] = blend
+        if worst:
+            self.result.solved, (self.result.why, self.result.blocked) = False, worst
+        return self.result
 
     def warm_up(self) -> None:
         """Compile (or load) all kernels: before a loop starts."""

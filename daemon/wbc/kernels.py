@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from daemon.wbc import layout as at
+from daemon.wbc.compiled import entry_point
 from daemon.wbc.memory import copy, fill, line, matrix, vector
 from daemon.wbc.rows import FAST, bounded_rows, force_rows, posture_accelerations, task_rows
 
@@ -150,7 +151,6 @@ def _ready_level(table, plan, support, roots, levels, sizes, level):  # type: ig
             if length > 0.0:
                 wanted[row] /= length
             known[at.ROW_WEIGHT, row] = parameters[k, at.WEIGHT]
-            known[at.ROW_SHARE, row] = parameters[k, at.SHARE]
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -207,7 +207,7 @@ def _filtered(table, first_row, rows, kept, first, count, y, start, singular):  
     heaviest, even = 0.0, True
     for i in range(rows):
         row = first_row + i
-        error[i] = known[at.ROW_SHARE, row] * (known[at.WANTED, row] - _dot(raw[row], start, n))
+        error[i] = known[at.WANTED, row] - _dot(raw[row], start, n)
         heaviest = max(heaviest, known[at.ROW_WEIGHT, row])
         even = even and known[at.ROW_WEIGHT, row] == known[at.ROW_WEIGHT, first_row]
     for i in range(d):
@@ -360,9 +360,9 @@ def _meet_level(table, levels, sizes, level, count, whole, y):  # type: ignore[n
             continue
         length = math.sqrt(t)
         u = min(max((t - GIVE_UP) / (_KEEP - GIVE_UP), 0.0), 1.0)
-        keep = u * u * (3.0 - 2.0 * u) * known[at.ROW_SHARE, i]
+        keep = u * u * (3.0 - 2.0 * u)
         kept[count] = length
-        s = known[at.ROW_SHARE, i] * (known[at.WANTED, i] - _dot(raw[i], y, n)) / length
+        s = (known[at.WANTED, i] - _dot(raw[i], y, n)) / length
         _own(basis, owned, count, row, i, keep, length)
         for j in range(n):
             y[j] += s * basis[count, j]
@@ -465,7 +465,7 @@ def _multipliers(table, levels, sizes, level, before, until, y):  # type: ignore
             if known[at.LENGTH, i] == 0.0:
                 continue
             weight = known[at.ROW_WEIGHT, i]
-            s = weight * weight * known[at.ROW_SHARE, i] * (known[at.WANTED, i] - _dot(raw[i], y, n))
+            s = weight * weight * (known[at.WANTED, i] - _dot(raw[i], y, n))
             size = max(size, abs(s))
             for j in range(n):
                 pull[j] += s * raw[i, j]
@@ -818,7 +818,7 @@ def _prepare(table, plan, support, roots, levels, sizes):  # type: ignore[no-unt
     return at.SOLVED, fixed
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@entry_point(fastmath=FAST, error_model="numpy")
 def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[no-untyped-def]
     """A whole cycle, from pinocchio's memory to q̈, torques and forces in `out`. Returns a layout.Status.
 
@@ -865,7 +865,7 @@ def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[n
     return at.SOLVED
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@entry_point(fastmath=FAST, error_model="numpy")
 def descend(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[no-untyped-def]
     """As `solve`, from a y in row 4 of `y` that keeps the bounds which stand there, as `solve` left them or somebody moved them."""
     fixed = sizes[at.FIXED]
@@ -874,7 +874,7 @@ def descend(table, plan, support, roots, levels, sizes, bounds):  # type: ignore
     return at.SOLVED
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@entry_point(fastmath=FAST, error_model="numpy")
 def all_bound_rows(table, plan, sizes, rows, about):  # type: ignore[no-untyped-def]
     """Rows of y of all bounds, of unit length; about (2, m): the constant beside row · x, the length it had."""
     low, scale = matrix(table, at.FACTOR), vector(table, at.FORCE_SCALES)

@@ -86,11 +86,12 @@ KP, KD, WEIGHT = 48, 54, 60
 ERROR, SHARE = 61, 67
 EXTRA = 68
 PARAMETERS_WIDTH = 96
-"""Rotations by rows. ERROR (6,): what is left, written by the kernels; SHARE: 0 to 1, how much the task is there."""
+"""Rotations by rows. ERROR (6,): what is left, written by the kernels; SHARE: 0 to 1, how much a task is
+there that comes and goes, likewise."""
 
 # Rows of `row`.
-WANTED, LENGTH, ROW_WEIGHT, ROW_SHARE = range(4)
-ROW_HEIGHT = 4
+WANTED, LENGTH, ROW_WEIGHT = range(3)
+ROW_HEIGHT = 3
 
 # Rows of `level`.
 LEAST, FILTERED, FREE_LEFT = range(3)

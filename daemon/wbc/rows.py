@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from daemon.wbc import layout as at
+from daemon.wbc.compiled import entry_point
 from daemon.wbc.memory import fill, line, matrix, vector
 
 FAST = {"contract", "reassoc", "arcp", "nsz"}
@@ -380,7 +381,7 @@ def _clearance_rows(table, plan, support, k, rows, wanted, first):  # type: igno
     distance, rate, drift = _gap(table, plan, support, k, rows[first])
     least, reach = task[at.EXTRA + 13], task[at.EXTRA + 14]
     task[at.ERROR] = distance - least
-    u = min(max((reach - distance) / max(reach - least, 1e-6), 0.0), 1.0)
+    u = min(max(2.0 * (reach - distance) / max(reach - least, 1e-6), 0.0), 1.0)
     task[at.SHARE] = u * u * (3.0 - 2.0 * u)
     wanted[first] = task[at.KP] * (reach - distance) - task[at.KD] * min(rate, 0.0) - drift
 
@@ -450,7 +451,7 @@ def _transmission_rows(table, plan, k, rows, wanted, first):  # type: ignore[no-
     wanted[first] = task[at.KP] * task[at.ERROR] - task[at.KD] * (state[1, follower] - ratio * state[1, leader])
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@entry_point(fastmath=FAST, error_model="numpy")
 def task_rows(table, plan, support, roots, nv, n, k, rows, wanted, first):  # type: ignore[no-untyped-def]
     """The rows of task k (an equality's or a level's) into `rows`, `wanted` from `first` on."""
     kind = plan[k, at.KIND]

@@ -251,9 +251,10 @@ def gap_entry(model: WholeBodyModel, body: Capsule, other: Capsule | None, plane
 class Clearance(Task, tag="Clearance", kw_only=True):
     """Keeps a capsule of the robot away from another, or from a plane, where it comes near: one direction, one sense.
 
-    d = |p_a − p_b| − r at the nearest points, J = nᵀ (J_a − J_b), n from b to a. Beyond `reach` it asks for nothing and holds no
-    freedom; from there to `least` it takes over smoothly (its share: 3u² − 2u³; intermediate desired values, Lee, Mansard and
-    Park 2012) and pushes out: d̈ = K (reach − d) − D min(ḋ, 0). What must never be entered is a constraint: constraints.KeepOut.
+    d = |p_a − p_b| − r at the nearest points, J = nᵀ (J_a − J_b), n from b to a: d̈ = K (reach − d) − D min(ḋ, 0). Beyond `reach`
+    it asks for nothing and holds no freedom; it takes over without a jump, wholly from half way to `least` on. Its share s is
+    3u² − 2u³, and the robot does what lies between doing with it and without it (after Lee, Mansard and Park 2012). So it springs
+    back, and a fast hand comes nearer than `least` for a moment; what must never be entered is a constraint: constraints.KeepOut.
     """
 
     body: Capsule

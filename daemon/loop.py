@@ -39,11 +39,11 @@ from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
 from hal.can.port import BusLost, HubPort, open_port
+from hal.core_pair import CorePair
 from hal.drives.protocol import LimbProtocol
 from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand, JointState
 from hal.realtime import RealTime, sleep_then_spin_until
-from hal.shared_core import SharedCore
 from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.kinematics import Kinematics
@@ -70,7 +70,7 @@ class Loop:
         kinematics: Kinematics,
         lockstep: bool,
         runtime: Runtime,
-        core: SharedCore | None = None,
+        core: CorePair | None = None,
     ):
         """`core`: shared with the plant, with which the loop takes turns in lock-step; None: wherever the kernel wants."""
         description = kinematics.description
@@ -281,7 +281,10 @@ def main(arguments: list[str] | None = None) -> int:
         kinematics, protocol = Kinematics(description), LimbProtocol(description)
         warm_up(kinematics)
         port, lockstep = open_port(description, runtime, name=NODE), given.clock == "lockstep"
-        core = SharedCore(port.hub_process) if lockstep and isinstance(port, HubPort) else None
+        core = None
+        if lockstep and isinstance(port, HubPort):
+            port.take_turns()
+            core = CorePair(port.hub_process)
         loop = Loop(Hardware(description, port, protocol), kinematics, lockstep, runtime, core)
         signal.signal(signal.SIGTERM, loop.end)
         signal.signal(signal.SIGINT, loop.end)

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hal.awake import Awake
 from hal.can import wire
 from hal.can.alarm import Alarm
 from hal.can.careful_path import CarefulPath
@@ -80,7 +81,7 @@ class Hub:
         """records that were no CAN frames, or for a channel that is not there"""
         self.dropped = 0
         """records dropped for slow listeners"""
-        self._lockstep = False
+        self._lockstep, self._awake = False, Awake()
         self._ticks_owed = 0
         self._sent_by: list[Node] = []  # whose datagrams this poll has taken
         self._lay_paths()
@@ -280,7 +281,7 @@ class Hub:
         """Wait for processes, and take in what they have sent; returns how many records the inbox holds."""
         n, nodes = 0, self._members.nodes
         self._sent_by.clear()
-        for descriptor, event in self._epoll.poll(wait):
+        for descriptor, event in self._wait(wait):
             if (node := nodes.get(descriptor)) is not None:
                 if event & _OUT and not node.flush(self._clock):
                     self._epoll.modify(node.connection, _IN)
@@ -291,6 +292,13 @@ class Hub:
             elif descriptor == self._members.fileno():
                 self._members.admit_next(lambda number: not self._traffic.is_sending(number))
         return n
+
+    def _wait(self, wait: float | None) -> list[tuple[int, int]]:
+        if wait == 0.0 or not self._lockstep:
+            return self._epoll.poll(wait)
+        if not (events := self._awake.look(self._epoll.poll)) and (events := self._epoll.poll(wait)):
+            self._awake.woken()
+        return events
 
     def _take(self, node: Node, n: int) -> int:
         """Read a node's datagrams behind the n records that are there; returns how many there are then."""

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from hal.awake import Awake
 from hal.can import wire
 from hal.can.counting import Ledger
 from hal.can.frames import BYTES, RECORD, WORDS
@@ -98,6 +99,11 @@ class HubPort:
         self._patience_s = 0.0
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
+        self._awake: Awake | None = None
+
+    def take_turns(self) -> None:
+        """Wait for frames awake from now on, where there are cores for that: who sends them waits for this process's, too."""
+        self._awake = Awake()
 
     def send(self, records: npt.NDArray[np.void]) -> None:
         """Queue frames without waiting, all of them in one datagram where they fit; see Port.send."""
@@ -125,6 +131,8 @@ class HubPort:
         size, waits, more = 0, timeout_s > 0.0, self._poll.poll
         if waits and timeout_s != self._patience_s:
             self._set_patience(timeout_s)
+        if waits and self._awake is not None and self._awake.look(more):
+            waits = False
         # Where nothing need be there, asking first costs less than trying in vain, which would happen once in every cycle.
         while size <= BYTES * (ROOM - wire.MAX_RECORDS) and (waits or more(0)):
             try:
@@ -135,6 +143,8 @@ class HubPort:
                 raise BusLost(f"CAN bus at {self._path}: {error}") from error
             if got == 0:
                 raise BusLost(f"CAN bus at {self._path}: the hub has ended")
+            if waits and self._awake is not None:
+                self._awake.woken()
             size, waits = size + got, False
         if size == 0:
             return self._records[:0]

@@ -65,7 +65,8 @@ _CASES = (("random", False), ("path", True), ("random", True))
 """states, and whether at bounds"""
 _GOALS = {"tsid": 0.95, "placo": 0.6, "pink": 0.6}
 _GOAL_AT_BOUNDS = 1.3
-_EXACT = 1e-9
+_EXACT, _AGREES = 1e-9, 1e-5
+"""(m|rad)/s²; N·m, beside the 1e-8 that TSID adds to its program's diagonal"""
 
 
 class Problem:
@@ -173,9 +174,17 @@ class Peer:
     def times(self, tasks: int, states: str, torque: float, first: int, last: int) -> list[float]:
         """Microseconds of each state; infinite where it is gone."""
         request = {"tasks": tasks, "states": states, "torque": torque, "from": first, "to": last}
-        nothing = [float("inf")] * (last - first)
+        return self._ask(request) or [float("inf")] * (last - first)
+
+    def torques(self, tasks: int, last: int) -> Array:
+        """(last, n) N·m of the first unrelated states, no bound active; (0,) where it is gone."""
+        return np.array(
+            self._ask({"tasks": tasks, "states": "random", "torque": _AMPLE, "from": 0, "to": last, "torques": True})
+        )
+
+    def _ask(self, request: dict[str, Any]) -> list[Any]:
         if self.gone:
-            return nothing
+            return []
         assert self._process.stdin and self._process.stdout
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.write(json.dumps(request) + "\n")
@@ -184,11 +193,10 @@ class Peer:
         if not answer:
             self.gone = True
             print(
-                f"wbc: no rows against {self.name} from {tasks} tasks on: it ended, {self._process.wait()}",
-                file=sys.stderr,
+                f"wbc: {self.name} ended with {self._process.wait()}: no rows against it from here on", file=sys.stderr
             )
-            return nothing
-        found: list[float] = json.loads(answer)
+            return []
+        found: list[Any] = json.loads(answer)
         return found
 
     def close(self) -> None:
@@ -282,6 +290,19 @@ def largest_residual(problem: Problem, count: int) -> float:
     return most
 
 
+def torque_difference(problem: Problem, peer: Peer) -> float | None:
+    """N·m, the largest between our torques and TSID's for the posture alone, where strict and weighted are the same."""
+    theirs = peer.torques(1, 50)
+    if not len(theirs):
+        return None
+    model, body = problem.ours(1, _AMPLE)
+    most = 0.0
+    for q, v, torque in zip(*problem.states["random"][:, :50], theirs, strict=True):
+        model.update(q, v)
+        most = max(most, float(np.abs(body.solve().torque - torque).max()))
+    return most
+
+
 def rows() -> list[Row]:
     """Two rows (p50, p90) for each number of tasks, set of states and peer, and how exact the levels are. About a minute."""
     found = []
@@ -289,6 +310,19 @@ def rows() -> list[Row]:
         problem = Problem(Path(folder))
         others = peers(problem)
         try:
+            for peer in (peer for peer in others if peer.name == "tsid"):
+                most = torque_difference(problem, peer)
+                if most is not None:
+                    holds = most <= _AGREES
+                    found.append(
+                        Row(
+                            name="posture alone, torques less TSID's",
+                            value=most,
+                            unit="N·m",
+                            goal=f"≤ {_AGREES:g}",
+                            holds=holds,
+                        )
+                    )
             for count in TASKS:
                 for states, at_bounds in _CASES:
                     torque, share = tight(problem, count, states) if at_bounds else (_AMPLE, 0.0)

@@ -2,8 +2,8 @@
 
     python wbc_peers.py tsid|placo|pink PROBLEM_FOLDER
 
-Speaks JSON lines: {"tasks": 5, "states": "random", "torque": 1.0, "from": 0, "to": 100} → microseconds of each state. Knows nothing
-of Handrail: it runs where Handrail is not installed.
+Speaks JSON lines: {"tasks": 5, "states": "random", "torque": 1.0, "from": 0, "to": 100} → microseconds of each state; with
+"torques": true, what came out. Knows nothing of Handrail: it runs where Handrail is not installed.
 """
 
 import json
@@ -30,7 +30,7 @@ class Tsid:
         form.computeProblemData(0.0, home, np.zeros(robot.nv))
         self.keep = []
         for number, task in enumerate(tasks):
-            weight = 1.0 if number < len(tasks) - 1 else 1e-3
+            weight = 1e-3 if 0 < number == len(tasks) - 1 else 1.0
             kind = task["kind"]
             if kind == "posture":
                 made = tsid.TaskJointPosture(f"t{number}", robot)
@@ -154,6 +154,11 @@ def main() -> None:
         if key not in made:
             made[key] = kind(problem, problem["tasks"][str(key[0])], key[1])
         solve, (q, v) = made[key], states[wanted["states"]]
+        if wanted.get("torques"):
+            torques = [np.asarray(solve(q[i], v[i])).tolist() for i in range(wanted["from"], wanted["to"])]
+            out.write(json.dumps(torques) + "\n")
+            out.flush()
+            continue
         times = []
         for i in range(wanted["from"], wanted["to"]):
             begin = time.perf_counter()

@@ -19,6 +19,8 @@ def main() -> None:
             stale.unlink()
 
     from daemon import loop
+    from daemon.wbc.hierarchy import WholeBody
+    from daemon.wbc.model import WholeBodyModel
     from engines.planning.manipulation import ManipulationPlanner
     from hal.can.hub import Hub
     from hal.can.port import HubPort
@@ -35,6 +37,7 @@ def main() -> None:
     kinematics = Kinematics(description)
     protocol = LimbProtocol(description)
     loop.warm_up(kinematics)
+    WholeBody(WholeBodyModel.of(kinematics), []).warm_up()
     with tempfile.TemporaryDirectory(prefix="hr") as folder:
         hub = Hub(Path(folder) / "bus.sock", description.channels)
         joined = threading.Event()

@@ -59,9 +59,9 @@ class Feasibility:
             bound = memory["bound"]
             bound[0, gave < 0.0] -= moved[gave < 0.0]
             bound[1, gave > 0.0] += moved[gave > 0.0]
-        kernels.descend(*body.arguments)
-        if not np.isfinite(memory["out"]).all():
-            self._give_up("the levels have no finite answer")
+        status = kernels.descend(*body.arguments)
+        if status != at.SOLVED or not np.isfinite(memory["out"]).all():
+            self._give_up("the levels have no answer that keeps the bounds in finite precision")
             return
         result.active = int(sizes[at.ACTIVE_COUNT])
         result.blocked = self._blocked(gave)

@@ -27,9 +27,12 @@ growing, and what is damped there would not be the best that they allow"""
 _KEEP, GIVE_UP = 1e-6, 1e-8
 """sin² of the angle to what is above: a direction is owned wholly above, and not at all below"""
 _NOTHING = 1e-12
-_DEPENDENT = 1e-10
+_DEPENDENT, _DEPENDENT_BOUND = 1e-10, 1e-8
+"""sin² to what is owned below which an equality, an active bound says nothing new"""
 _ROW_TOLERANCE = 1e-8
 """rad/s², N·m, N: by which a bound may be exceeded, times 1 + its own size"""
+_ROUNDING = 1e-6
+"""likewise, by rounding, where several bounds are active"""
 _MULTIPLIER_TOLERANCE = 1e-9
 WALKS = 3
 """walks that take in and let go bounds many at a time, before going down step by step"""
@@ -322,7 +325,7 @@ def _meet_bound(table, sizes, a, count, y):  # type: ignore[no-untyped-def]
     _free(trial, basis, owned[0], count)
     _free(trial, basis, owned[0], count)
     t = _dot(trial, trial, n)
-    if t < _DEPENDENT or count >= basis.shape[0]:
+    if t < _DEPENDENT_BOUND or count >= basis.shape[0]:
         return count
     length = math.sqrt(t)
     s = (matrix(table, at.ACTIVE)[0, a] - _dot(row, y, n)) / length
@@ -440,7 +443,7 @@ def _first_in_the_way(table, sizes, bounds, here, there):  # type: ignore[no-unt
         known = False
         for a in range(sizes[at.ACTIVE_COUNT]):
             known = known or bounds[a, 0] == i
-        if known:
+        if known and over < _ROUNDING * (1.0 + abs(limit)):
             continue
         step = abs(there[i] - here[i])
         share = max(1.0 - over / step, 0.0) if step > 0.0 else 0.0
@@ -540,7 +543,11 @@ def _descend(table, plan, support, roots, levels, sizes, bounds, fixed):  # type
             for i in range(here.shape[0]):
                 here[i] += share * (there[i] - here[i])
             if blocker >= 0:
-                if sizes[at.ACTIVE_COUNT] >= n:
+                known = False
+                for a in range(sizes[at.ACTIVE_COUNT]):
+                    known = known or bounds[a, 0] == blocker
+                # One that is active and yet broken all but depends on others: no step beyond it can be trusted.
+                if known or sizes[at.ACTIVE_COUNT] >= n:
                     break
                 _activate(table, plan, sizes, bounds, sizes[at.ACTIVE_COUNT], blocker, side)
                 sizes[at.ACTIVE_COUNT] += 1
@@ -727,13 +734,13 @@ def _take_in(table, plan, sizes, bounds, value):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST, error_model="numpy")
-def _keeps(table, sizes, value):  # type: ignore[no-untyped-def]
+def _keeps(table, sizes, value, tolerance):  # type: ignore[no-untyped-def]
     """All bounds hold."""
     bound = matrix(table, at.BOUND)
     for i in range(2 * sizes[at.NV] + sizes[at.BOUNDED_ROWS]):
         over = max(value[i] - bound[1, i], bound[0, i] - value[i])
         limit = min(abs(bound[0, i]), abs(bound[1, i]))
-        if over > _ROW_TOLERANCE * (1.0 + limit):
+        if over > tolerance * (1.0 + limit):
             return False
     return True
 
@@ -858,11 +865,11 @@ def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[n
     if not inside:  # the equalities' own solution: standing still, more or less
         copy(line(table, at.Y, 3), line(table, at.Y, 4))
         _evaluate(table, plan, sizes, line(table, at.Y, 4), value)
-        if not _keeps(table, sizes, value):
+        if not _keeps(table, sizes, value, _ROW_TOLERANCE):
             return at.SEARCHING
     _descend(table, plan, support, roots, levels, sizes, bounds, fixed)
     _write_out(table, sizes)
-    return at.SOLVED
+    return at.SOLVED if _keeps(table, sizes, value, 10.0 * _ROUNDING) else at.SEARCHING
 
 
 @entry_point(fastmath=FAST, error_model="numpy")
@@ -871,7 +878,7 @@ def descend(table, plan, support, roots, levels, sizes, bounds):  # type: ignore
     fixed = sizes[at.FIXED]
     _descend(table, plan, support, roots, levels, sizes, bounds, fixed)
     _write_out(table, sizes)
-    return at.SOLVED
+    return at.SOLVED if _keeps(table, sizes, line(table, at.VALUE, 0), 10.0 * _ROUNDING) else at.SEARCHING
 
 
 @entry_point(fastmath=FAST, error_model="numpy")

@@ -1,0 +1,76 @@
+"""References that move."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from daemon.references import HermitePath, LinePath
+from daemon.wbc.hierarchy import WholeBody
+from daemon.wbc.references import FrameTrajectory, JointTrajectory, StreamedPose
+from daemon.wbc.tasks import SE3, JPos
+
+PERIOD = 0.002
+HAND = "panda_hand"
+
+
+def simulate(model, body: WholeBody, references, cycles: int, each=lambda cycle: None) -> list[float]:
+    """Rigid joints under the solver's torques; how far the tasks were off, (6,) norms of the first one's error."""
+    data, q, v = model.model.createData(), model.q.copy(), model.v.copy()
+    errors = []
+    for cycle in range(cycles):
+        each(cycle)
+        for reference in references:
+            reference.advance()
+        model.update(q, v)
+        result = body.solve()
+        assert result.solved, result.why
+        errors.append(float(np.linalg.norm(next(iter(body.handles.values())).error)))
+        v = v + PERIOD * pin.aba(model.model, data, q, v, result.torque)
+        q = q + PERIOD * v
+    model.update(q, v)
+    return errors
+
+
+def test_a_line_is_followed_with_its_velocity_and_acceleration_fed_forward(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    here = model.frame(HAND)
+    goal = pin.SE3(here.rotation @ pin.exp3(np.array([0.0, 0.0, 0.4])), here.translation + np.array([0.05, 0.15, -0.1]))
+    reference = FrameTrajectory(
+        body["hand"], LinePath(here.rotation.copy(), here.translation.copy(), goal, 1.0), PERIOD
+    )
+    errors = simulate(model, body, [reference], 700)
+    assert reference.clock.at_end
+    assert max(errors) < 4e-3, "next to no lag"
+    assert model.frame(HAND).translation == pytest.approx(goal.translation, abs=1e-3)
+
+
+def test_joints_go_through_their_knots(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[JPos(name="joints")]])
+    home = model.q.copy()
+    knots = np.array([home, home + 0.2, home - 0.1])
+    path = HermitePath(np.array([0.0, 0.5, 1.2]), knots, np.zeros((3, 7)))
+    reference = JointTrajectory(body["joints"], path, 7, PERIOD)
+    simulate(model, body, [reference], 800)
+    assert model.q == pytest.approx(knots[-1], abs=2e-3)
+
+
+def test_a_stream_is_followed_and_its_silence_is_a_stop(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    start = model.frame(HAND).translation.copy()
+    stream = StreamedPose(body["hand"], PERIOD, stale=0.1)
+    velocity = np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+
+    def send(cycle: int) -> None:
+        if cycle < 300 and cycle % 10 == 0:  # 50 Hz
+            stream.receive(start + velocity[:3] * cycle * PERIOD, None, velocity)
+        if cycle == 305:
+            stream.receive(np.full(3, np.nan))
+
+    errors = simulate(model, body, [stream], 800, send)
+    assert stream.silent
+    assert max(errors) < 8e-3
+    moved = model.frame(HAND).translation - start
+    assert moved == pytest.approx([0.0, 0.1 * (0.58 + 0.1), 0.0], abs=3e-3), "0.58 s of stream, 0.1 s on its own"

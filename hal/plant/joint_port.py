@@ -3,7 +3,9 @@
 PyBullet's Python functions for it make tuples of nine numbers of every joint, and copy two kilobytes of description a joint to
 find its place: a third of a step's time. The same library exports C functions; only the client that these want to be told is
 private to it, so that its table of clients is looked up among the library's symbols. Where there are none (a stripped library,
-another system) the Python functions do the same, to the bit.
+another system), where the library is not of the version whose arguments are known, or where C's first look at the body differs
+from Python's, the Python functions do the same, to the bit. A client that is gone is never told anything: its place in the table
+says so before every call.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ FELT = 9
 MOVED = 13
 """Columns of a link's row in `JointPort.moved`, of its inertial frame in the world: position, orientation (x, y, z, w), velocity
 m/s, angular velocity rad/s."""
+_VERSION = 202010061
+"""of PyBullet's interface (pybullet.getAPIVersion): that of the C functions' arguments below"""
 _MOTOR = 8
 _SECTION, _SYMBOL_TABLE = "<IIQQQQIIQQ", 2
 _SYMBOL = np.dtype(
@@ -64,18 +68,31 @@ class JointPort:
         # Joint's number, and its places among all positions and all velocities of the body.
         places = [p.getJointInfo(body, joint, physicsClientId=client) for joint in (*driven, *watched)]
         self._places = np.array([(place[0], place[3], place[4]) for place in places], np.int64).reshape(n + k, 3)
-        self._handle = (_handle_of(client) or 0) if native else 0
         self._pointers = np.zeros(4, np.int64)
+        self._place = _place_of(client) if native else None
+        self._handle = 0
         self.look()
+        self.look_at_links()
+        if self._place is not None and self._c_sees_the_same(self._place.value):
+            self._handle = self._place.value
 
     @property
     def native(self) -> bool:
-        """C functions are used."""
-        return self._handle != 0
+        """C functions are used: they were when this was made, and the client is still there."""
+        return self._handle != 0 and self._place is not None and self._place.value == self._handle
+
+    def _c_sees_the_same(self, handle: int) -> bool:
+        memory, moved = self._memory.copy(), self.moved.copy()
+        try:
+            _look(handle, self._body, len(self._driven), self._places, memory, self._pointers)
+            _look_at_links(handle, self._body, self._rows, moved, self._pointers)
+        except RuntimeError:
+            return False
+        return memory.tobytes() == self._memory.tobytes() and moved.tobytes() == self.moved.tobytes()
 
     def step(self, torque: npt.NDArray[np.float64]) -> None:
         """Let the world go on by one step with torques N·m or N (driven,), and look."""
-        if self._handle:
+        if self.native:
             _submit(self._handle, self._body, torque, self._places, self._memory, self._pointers)
             return
         p.setJointMotorControlArray(
@@ -88,7 +105,7 @@ class JointPort:
         """Read the motion of the links as it is now: all at once, since PyBullet works out the whole body's each time."""
         if not self._links:
             return
-        if self._handle:
+        if self.native:
             _look_at_links(self._handle, self._body, self._rows, self.moved, self._pointers)
             return
         states = p.getLinkStates(
@@ -122,11 +139,16 @@ _request = _of_c("b3RequestActualStateCommandInit", _POINTER, _POINTER, types.in
 _with_velocity = _of_c("b3RequestActualStateCommandComputeLinkVelocity", types.int32, _POINTER, types.int32)
 _with_kinematics = _of_c("b3RequestActualStateCommandComputeForwardKinematics", types.int32, _POINTER, types.int32)
 _wait = _of_c("b3SubmitClientCommandAndWaitStatus", _POINTER, _POINTER, _POINTER)
+_kind = _of_c("b3GetStatusType", types.int32, _POINTER)
 _state = _of_c("b3GetStatusActualState2", types.int32, *[_POINTER] * 13)
 _FUNCTIONS = [
-    each.symbol for each in (_control, _set_torque, _step, _request, _with_velocity, _with_kinematics, _wait, _state)
+    each.symbol
+    for each in (_control, _set_torque, _step, _request, _with_velocity, _with_kinematics, _wait, _kind, _state)
 ]
 _TORQUE_CONTROL = int(p.TORQUE_CONTROL)
+_STATE_TOLD = 21
+"""CMD_ACTUAL_STATE_UPDATE_COMPLETED (Bullet's SharedMemoryPublic.h). Of another status, such as that of a body that has been
+removed, b3GetStatusActualState2 gives addresses where nothing is."""
 
 
 def _numbers_at(typing: Any, address: Any) -> Any:
@@ -142,20 +164,15 @@ _numbers: Any = intrinsic(_numbers_at)
 
 
 @njit(cache=True)
-def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-untyped-def]
-    """Torques, step, state. places (joints, 3), memory: JointPort's; pointers (4,): room for four addresses.
-
-    Raises RuntimeError if PyBullet does not answer.
-    """
-    n = len(torque)
-    command = _control(client, np.int32(body), np.int32(_TORQUE_CONTROL))
-    for j in range(n):
-        _set_torque(command, np.int32(places[j, 2]), torque[j])
-    _wait(client, command)
-    _wait(client, _step(client))
+def _look(client, body, n, places, memory, pointers):  # type: ignore[no-untyped-def]
+    """Write JointPort's memory, of which n joints are driven. Raises RuntimeError if PyBullet does not answer."""
     at = pointers.ctypes.data
     status = _wait(client, _request(client, np.int32(body)))
-    if status == 0 or _state(status, 0, 0, 0, 0, 0, at, at + 8, at + 16, 0, at + 24, 0, 0) == 0:
+    if (
+        status == 0
+        or _kind(status) != _STATE_TOLD
+        or _state(status, 0, 0, 0, 0, 0, at, at + 8, at + 16, 0, at + 24, 0, 0) == 0
+    ):
         raise RuntimeError("PyBullet does not tell the state of its bodies")
     # Base and joints, position and velocity, reactions, motors: as many of each as PyBullet has at most.
     most = 7 + 128
@@ -173,6 +190,21 @@ def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-
 
 
 @njit(cache=True)
+def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-untyped-def]
+    """Torques, step, state. places (joints, 3), memory: JointPort's; pointers (4,): room for four addresses.
+
+    Raises RuntimeError if PyBullet does not answer.
+    """
+    n = len(torque)
+    command = _control(client, np.int32(body), np.int32(_TORQUE_CONTROL))
+    for j in range(n):
+        _set_torque(command, np.int32(places[j, 2]), torque[j])
+    _wait(client, command)
+    _wait(client, _step(client))
+    _look(client, body, n, places, memory, pointers)
+
+
+@njit(cache=True)
 def _look_at_links(client, body, links, moved, pointers):  # type: ignore[no-untyped-def]
     """Write JointPort's `moved` for its links. Raises RuntimeError if PyBullet does not answer."""
     request = _request(client, np.int32(body))
@@ -180,7 +212,7 @@ def _look_at_links(client, body, links, moved, pointers):  # type: ignore[no-unt
     _with_kinematics(request, np.int32(1))
     at = pointers.ctypes.data
     status = _wait(client, request)
-    if status == 0 or _state(status, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, at, at + 8) == 0:
+    if status == 0 or _kind(status) != _STATE_TOLD or _state(status, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, at, at + 8) == 0:
         raise RuntimeError("PyBullet does not tell the state of its bodies")
     poses, rates = carray(_numbers(pointers[0]), 7 * 128), carray(_numbers(pointers[1]), 6 * 128)
     for row in range(len(links)):
@@ -189,17 +221,21 @@ def _look_at_links(client, body, links, moved, pointers):  # type: ignore[no-unt
         moved[row, 7:] = rates[6 * link : 6 * (link + 1)]
 
 
-def _handle_of(client: int) -> int | None:
-    """The C functions' handle of one of PyBullet's clients; None where it cannot be had."""
+def _place_of(client: int) -> ctypes.c_size_t | None:
+    """Where PyBullet keeps the C functions' handle of one of its clients, 0 once it is gone; None where it cannot be had."""
+    # Only of a server in this process: one behind a window or another process may go while a call waits for it.
+    connection = p.getConnectionInfo(client)
+    if not connection["isConnected"] or connection["connectionMethod"] != p.DIRECT:
+        return None
     table = _table_of_clients()
-    return (
-        None if table is None else ctypes.c_size_t.from_address(table + client * ctypes.sizeof(ctypes.c_size_t)).value
-    )
+    return None if table is None else ctypes.c_size_t.from_address(table + client * ctypes.sizeof(ctypes.c_size_t))
 
 
 @cache
 def _table_of_clients() -> int | None:
     """Address of the library's table of clients; None where it cannot be known."""
+    if p.getAPIVersion() != _VERSION:
+        return None
     library = ctypes.CDLL(p.__file__)
     if not all(hasattr(library, name) for name in _FUNCTIONS):
         return None

@@ -1,9 +1,9 @@
 """What real inertial and force-torque sensors add to the truth: white noise by its density, and an offset that stays.
 
 Defaults are of usual sensors' classes. Inertial: Xsens MTi-1, 0.007 °/s/√Hz and 10 °/h, 120 µg/√Hz and 0.03 mg (its
-characteristics as in doi:10.2478/tar-2023-0022). Force-torque: no device's measured noise, but the class of strain-gauge sensors for
-300 N and 10 N·m (as ATI's Mini45 is): steps of 1/8 N and 1/376 N·m are assumed, a quarter of one as the noise of a sample at 500 Hz,
-and a whole one as the offset. `noise` of a device in robot.yaml says otherwise, as what was measured of a real one should.
+characteristics as in doi:10.2478/tar-2023-0022). Force-torque: no device's measured noise, but a guess for the class of strain
+gauges for 300 N and 10 N·m (such as ATI's Mini45): steps of 1/8 N and 1/376 N·m, a quarter of one as the noise of a sample at
+500 Hz, a whole one as the offset. `noise` of a device in robot.yaml says otherwise, as what was measured of a real one should.
 Orientation is the truth's: what a filter makes of noise is slow, and mostly a matter of mounting.
 """
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from hal import awake as waiting
 from hal.awake import Awake
 
 ALLOWED = os.sched_getaffinity(0)
@@ -29,14 +30,18 @@ class _Answers:
 
 
 @pytest.mark.skipif(len(ALLOWED) < 2, reason="this machine lets us have one core only")
-def test_what_comes_soon_is_seen_without_sleep() -> None:
+def test_what_comes_soon_is_seen_without_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        waiting, "_AWAKE_S", 30.0
+    )  # on a busy machine others have the core for long between two questions
     answers = _Answers(5)
     assert Awake().look(answers)
     assert answers.asked == 6
 
 
 @pytest.mark.skipif(len(ALLOWED) < 2, reason="this machine lets us have one core only")
-def test_who_has_waited_in_vain_sleeps_at_once_until_something_has_come() -> None:
+def test_who_has_waited_in_vain_sleeps_at_once_until_something_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(waiting, "_AWAKE_S", 0.2)
     awake, never = Awake(), _Answers(1 << 60)
     assert not awake.look(never)
     assert never.asked > 1

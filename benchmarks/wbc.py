@@ -56,7 +56,7 @@ TASKS = {
     15: _FIFTEEN,
 }
 _KP = 100.0
-_STATES, _CHUNK, _ROUNDS = 400, 50, 3
+_STATES, _CHUNK, _ROUNDS = 400, 50, 8
 _AMPLE = 10.0
 _TIGHT = (0.9, 0.8, 0.7, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25, 0.2)
 """of the rated torque: bounds that are never reached, and from which the first is taken that enough states reach"""

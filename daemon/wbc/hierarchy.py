@@ -237,7 +237,9 @@ class WholeBody:
         for k in on:
             self.task_rows(k, row, wanted)
             self.plan[k, at.ON] = 0
-        shares = self._memory["parameters"][:, at.SHARE]
+        shares = np.nan_to_num(
+            self._memory["parameters"][:, at.SHARE], nan=1.0
+        )  # a broken state goes through, and is told
         order = sorted(on, key=lambda k: -shares[k])
         out, blend, worst = self._memory["out"], np.zeros_like(self._memory["out"]), None
         most = 1.0

@@ -266,3 +266,14 @@ def test_balance_keeps_a_standing_robot_over_its_polygon(model_of, point) -> Non
         assert model.com[0] - height / 9.81 * acceleration >= back + 0.01 - 1e-6
     else:
         assert acceleration <= 25.0 * (front - 0.01 - model.com[0]) + 1e-6
+
+
+def test_a_broken_state_near_something_is_told_like_any_other(model_of) -> None:
+    model = model_of("panda")
+    away = Clearance(name="away", body=Capsule(frame="panda_hand"), plane=Plane(), least=0.0, reach=5.0)
+    body = WholeBody(model, [[away], [JPos()]], [JointLimits()])
+    assert body.solve().solved
+    model.place(np.full(7, np.nan), np.zeros(7))
+    result = body.solve()
+    assert not result.solved
+    assert np.isfinite(result.torque).all()

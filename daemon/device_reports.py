@@ -49,7 +49,7 @@ def device_states(
                 fx, fy, fz, tx, ty, tz = values[:6]
                 states.force_torques.append(ForceTorqueState(**common, force=(fx, fy, fz), torque=(tx, ty, tz)))
             case "gripper":
-                position, velocity, effort, temperature, state, holding = values[:6]
+                position, velocity, effort, temperature, _, holding = values[:6]
                 states.grippers.append(
                     GripperState(
                         **common,
@@ -58,7 +58,7 @@ def device_states(
                         velocity=velocity,
                         effort=effort,
                         temperature=temperature,
-                        state=_state(state) if age <= SILENT_AFTER else "unknown",
+                        state=gripper_state(values) if age <= SILENT_AFTER else "unknown",
                         holding=holding > 0.5,
                     )
                 )
@@ -109,7 +109,7 @@ def other_columns(description: RobotDescription) -> dict[str, tuple[str, ...]]:
 def _problem(device: Device, values: Sequence[float], age: int) -> str:
     if age > SILENT_AFTER:
         return "does not answer"
-    if device.family == "gripper" and _state(values[4]) == "fault":
+    if device.family == "gripper" and gripper_state(values) == "fault":
         return "fault"
     if device.family == "power":
         if values[4] <= 0.5:
@@ -124,8 +124,9 @@ def _rows(snapshot: np.ndarray | np.void, description: RobotDescription) -> list
     return list(zip(description.devices, values, ages, strict=True))
 
 
-def _state(number: float) -> str:
+def gripper_state(values: Sequence[float] | np.ndarray) -> str:
+    """A gripper's CiA 402 state in words, by its measured columns."""
     try:
-        return State(round(number)).name.lower()
+        return State(round(values[4])).name.lower()
     except ValueError:
         return "unknown"

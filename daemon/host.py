@@ -22,7 +22,7 @@ from typing import Annotated
 
 import typer
 
-from daemon import exchange, mailbox, ring
+from daemon import exchange, mailbox, ring, timing
 from daemon.health import clear_health, write_health
 from daemon.shared_file import drop_unless_fit
 from daemon.supervisor import Child, StartError, Supervisor
@@ -158,6 +158,7 @@ def drop_leftovers(runtime: Runtime, description: RobotDescription) -> None:
     snapshot = exchange.snapshot_dtype(description)
     drop_unless_fit(runtime.state_ring, magic=ring.MARK, record_size=snapshot.itemsize)
     drop_unless_fit(runtime.mailbox, magic=mailbox.MARK, record_size=exchange.COMMAND.itemsize)
+    drop_unless_fit(runtime.timing, magic=timing.MARK, record_size=timing.RECORD.itemsize)
 
 
 class _Log:

@@ -38,6 +38,7 @@ from daemon.safety.limits import Limits, enforce, first_not_finite
 from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
+from daemon.timing import TimingWriter
 from hal.can.port import BusLost, HubPort, open_port
 from hal.core_pair import CorePair
 from hal.drives.protocol import LimbProtocol
@@ -94,6 +95,7 @@ class Loop:
         self.orders = Orders(mailbox, frames, self.life, self.actions, self.devices, self.holds)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, self.manager, self.life, self.actions, self.orders)
+        self.timing = TimingWriter(runtime.timing)
         self.time_ns = -self.period_ns
         self.cycles = self.misses = self.limited = self.work_ns = self.late_ns = self._rang_ns = 0
         self.ending = False
@@ -116,6 +118,7 @@ class Loop:
         command = self.run_controllers()
         self.hardware.write(command, self.cycles)
         self.work_ns = time.perf_counter_ns() - began
+        self.timing.count(self.work_ns, None if self.lockstep else self.late_ns)
         self.publish()
 
     def serve_stop(self) -> bool:
@@ -236,6 +239,7 @@ class Loop:
             if (over := time.monotonic_ns() - deadline) > 0:
                 skipped = over // period + 1
                 self.misses += skipped
+                self.timing.missed(skipped)
                 deadline += skipped * period
 
     def end(self, *_: object) -> None:

@@ -22,12 +22,14 @@ from daemon.bus_watch import BusWatch
 from daemon.device_reports import other_columns
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange import Kind
+from daemon.hardware_report import components
 from daemon.health import read_health
 from daemon.journal import Journal, Started
 from daemon.mailbox import MailboxFull, MailboxWriter
 from daemon.owners import Owners
 from daemon.reporter import Reporter
 from daemon.ring import StateRingReader
+from daemon.timing import TimingReader, loop_timing
 from daemon.validation import check_gripper, check_power, check_start
 from handrail import messages as m
 from handrail.robot import description as robots
@@ -64,6 +66,7 @@ class Server:
         self._joints = {joint: index for index, joint in enumerate(description.joints)}
         snapshot = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(runtime.state_ring, snapshot)
+        self._timing = TimingReader(runtime.timing)
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
         self._reporter = Reporter(description, clock, self._journal, columns)
@@ -83,6 +86,8 @@ class Server:
         self._handlers: dict[type, Any] = {
             m.GetRobot: lambda _: robot_info(description),
             m.GetStatus: lambda _: self._status(),
+            m.GetTiming: self._tell_timing,
+            m.GetHardware: lambda _: self._hardware(),
             m.Enable: lambda _: self._ask(Kind.ENABLE),
             m.Disable: lambda _: self._ask(Kind.DISABLE),
             m.Stop: self._stop,
@@ -161,6 +166,19 @@ class Server:
 
     def _status(self) -> m.DaemonStatus:
         return self._reporter.status(self._owners.name, read_health(self._runtime.folder), self._bus.states())
+
+    def _hardware(self) -> m.HardwareStatus:
+        snapshot = self._reporter.snapshot if self._reporter.alive else None
+        return m.HardwareStatus(components=list(components(snapshot, self._description, self._bus.states())))
+
+    def _tell_timing(self, call: m.GetTiming) -> m.LoopTiming:
+        self._publish_news()
+        record = self._timing.read()
+        if record is None or not self._reporter.alive:
+            raise refuse(_NO_LOOP)
+        if call.reset:
+            self._timing.begin_anew()
+        return loop_timing(record, self._clock, self._description.period_ns)
 
     # -------------------------------------------------------------------------------------------------------- calls
 

@@ -44,6 +44,7 @@ class SnapshotWriter:
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
         self._written: list[tuple[int, ActionState] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
+        self._identities = -1
         state, record = hardware.state, self._record
         # Views of fields and blocks, made once: a field access on a numpy record costs more than the copy.
         measured = (
@@ -98,6 +99,8 @@ class SnapshotWriter:
             self._felt = bool(forces)
             self._external_force[...] = next(iter(forces.values())) if forces else 0.0
 
+        if self._hardware.identities != self._identities:
+            self._write_identities()
         flags = self._life.flags | (_HELD if holding else 0)
         stale, refused = self._hardware.stale_replies, self._hardware.crc_errors
         _PACKED.pack_into(self._numbers, 0, cycle, time_ns, misses, stale, refused, limited, work_ns, late_ns, flags)
@@ -108,6 +111,12 @@ class SnapshotWriter:
             self._write_news(holding)
         self._ring.publish()
         return happened
+
+    def _write_identities(self) -> None:
+        """What the drives say of themselves: once, and anew when one was away."""
+        record, hardware = self._record, self._hardware
+        record["protocol_version"], record["firmware_version"] = hardware.protocol_version, hardware.firmware_version
+        self._identities = hardware.identities
 
     def _write_news(self, holding: list[int]) -> None:
         """What changes seldom: the answer to a command, who holds time, why the robot is stopped."""

@@ -100,6 +100,8 @@ class Hardware:
         """what devices are told: those of them that are `commanded`, whatever the drives do"""
         self.protocol_version, self.firmware_version = np.full(n, np.nan), np.full(n, np.nan)
         """what each drive says of itself once it was heard; NaN: not yet, or its family can't"""
+        self.identities = 0
+        """goes up whenever those may have changed"""
         self.goal = Goal.INACTIVE
         self.crc_errors = 0
         """replies whose CRC was wrong, since the start"""
@@ -301,6 +303,7 @@ class Hardware:
 
     def _look_at_identities(self) -> None:
         """After whatever may have changed them, so that no cycle has to look."""
+        self.identities += 1
         versions, expected = self.protocol_version, self._protocol.protocol_version
         self._stranger = _first(self._says_version & ~np.isnan(versions) & (versions != expected))
         self._unknown = _first(self._says_version & np.isnan(versions) & (self._asked_for >= _PATIENCE))

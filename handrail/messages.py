@@ -322,6 +322,81 @@ class GetStatus(Message):
     """The daemon's present status."""
 
 
+@_travels(priority=1)
+class GetTiming(Message):
+    """How long the loop's cycles work and how late they start. Refused while no loop runs."""
+
+    reset: bool = False
+    """count anew from here on"""
+
+
+class TimeDistribution(msgspec.Struct, kw_only=True):
+    """How often a time was how long."""
+
+    counts: list[int]
+    """one a bin of LoopTiming.edges_us, from below the first edge to above the last"""
+    p50_us: float
+    p90_us: float
+    p99_us: float
+    """at most: the upper edge of the bin in which it lies, an eighth more than its lower edge or less"""
+    max_us: float
+
+
+class LoopTiming(Message):
+    """Answer to GetTiming: counted since the loop's start, or the last reset."""
+
+    clock: Literal["wall", "lockstep"]
+    period_us: float
+    cycles: int
+    misses: int
+    """periods skipped because a cycle overran"""
+    longest_run: int
+    """most periods that were skipped without a punctual cycle in between"""
+    overrun_policy: str
+    """in words"""
+    edges_us: list[float]
+    work: TimeDistribution
+    """from the cycle's start (lock-step: from the drives' answer) until its frames were sent"""
+    late: TimeDistribution
+    """from the cycle's deadline to its start; empty in lock-step"""
+
+
+@_travels(priority=1)
+class GetHardware(Message):
+    """Every drive and device of the robot, as it stands now."""
+
+
+class HardwareComponent(msgspec.Struct, kw_only=True):
+    """A drive or a device."""
+
+    name: str
+    """joint or device"""
+    family: str
+    channel: str
+    bus_state: str
+    """of the daemon's own node on that channel, as in BusStatistics"""
+    life: str
+    """ros2_control's word: active, inactive, unconfigured (does not answer) or unknown (no loop runs)"""
+    state: str = ""
+    """of drives and grippers: CiA 402 state, e.g. operation_enabled"""
+    error: int = 0
+    temperature: float | None = None
+    """°C, where it is measured"""
+    age: int | None = None
+    """cycles since its last answer"""
+    firmware_version: int | None = None
+    protocol_version: int | None = None
+    """what it says of itself; None: nothing (yet)"""
+    problem: str = ""
+    """in words; empty: nothing"""
+
+
+class HardwareStatus(Message):
+    """Answer to GetHardware: drives in the order of RobotInfo.joints, then devices."""
+
+    components: list[HardwareComponent]
+
+
 @_travels(priority=1, remote=True)
 class Enable(Message):
     """Take every drive to operation enabled and hold where it is. Refused while the stop is latched."""
@@ -522,10 +597,14 @@ class ResumeAction(Message):
 
 GetRobot.Reply = RobotInfo
 GetStatus.Reply = DaemonStatus
+GetTiming.Reply = LoopTiming
+GetHardware.Reply = HardwareStatus
 
 DaemonCall = (
     GetRobot
     | GetStatus
+    | GetTiming
+    | GetHardware
     | Enable
     | Disable
     | Stop
@@ -874,6 +953,8 @@ Answer = (
     | Refused
     | RobotInfo
     | DaemonStatus
+    | LoopTiming
+    | HardwareStatus
     | InstanceState
     | Instances
     | PlanPreview

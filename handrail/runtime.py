@@ -89,6 +89,11 @@ class Runtime:
         """Shared memory: commands from the server to the loop."""
         return self.folder / "mailbox.ring"
 
+    @property
+    def timing(self) -> Path:
+        """Shared memory: how long the loop's cycles worked and how late they were."""
+        return self.folder / "loop.timing"
+
     def endpoint(self, name: str) -> str:
         """ZeroMQ endpoint of a local topic or call, e.g. ``daemon.call``, ``daemon.events``, ``plant.truth``."""
         return f"ipc://{self.folder / name}"

@@ -189,6 +189,9 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("device_values", "f8", (devices, MEASURED)),  # hal.device's measured columns
             ("device_age", "i8", devices),  # cycles since the device's last valid frame
             ("device_measured_ns", "i8", devices),
+            # What each drive said of itself; NaN: not yet.
+            ("protocol_version", "f8", n),
+            ("firmware_version", "f8", n),
             ("claims", "u1", n),  # index into CONTROLLERS
             ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8

@@ -25,6 +25,7 @@ from daemon import exchange
 from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, sole_service, up
 from daemon.mailbox import MailboxReader
 from daemon.ring import StateRingWriter
+from daemon.timing import TimingWriter
 from handrail.config import ConfigError
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
@@ -197,14 +198,18 @@ def test_what_another_robot_left_in_the_folder_goes_and_what_this_one_left_stays
     ours = exchange.snapshot_dtype(talos)
     StateRingWriter(runtime.state_ring, ours)
     MailboxReader(runtime.mailbox, exchange.COMMAND)
+    TimingWriter(runtime.timing)
     drop_leftovers(runtime, talos)
+    assert runtime.timing.exists()
     assert runtime.state_ring.exists()
     assert runtime.mailbox.exists()
     StateRingWriter(runtime.state_ring, np.dtype([("of_another_robot", "f8", 3)]))
     runtime.mailbox.write_bytes(b"")
+    runtime.timing.write_bytes(b"of another version")
     drop_leftovers(runtime, talos)
     assert not runtime.state_ring.exists()
     assert not runtime.mailbox.exists()
+    assert not runtime.timing.exists()
     drop_leftovers(runtime, talos)
 
 

@@ -228,6 +228,8 @@ def test_without_a_loop_nothing_is_enabled_no_drive_is_known_and_commands_are_re
     assert {drive.state for drive in status.drives} == {"unknown"}
     assert "loop" in rig.refusal(m.Enable()).message
     assert "loop" in rig.refusal(rig.action()).message
+    assert "loop" in rig.refusal(m.GetTiming()).message
+    assert {part.life for part in rig.call(m.GetHardware()).components} == {"unknown"}
 
 
 def test_robot_states_go_out_at_100_hz_of_the_robots_time(rig: Rig) -> None:

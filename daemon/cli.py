@@ -1,0 +1,124 @@
+"""`handrail daemon ...` and `handrail hardware ...`: what the robot that is up says of its loop, and of its drives and devices."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+import typer
+
+from handrail.messages import GetHardware, GetTiming, HardwareComponent, HardwareStatus, LoopTiming, TimeDistribution
+from handrail.runtime import Runtime
+from handrail.topics import Caller, RefusedError
+
+daemon = typer.Typer(help="The control daemon.", no_args_is_help=True, add_completion=False)
+hardware = typer.Typer(help="Drives and devices.", no_args_is_help=True, add_completion=False)
+
+_RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's")
+_ROWS, _BAR = 16, 32
+"""of a printed histogram: at most so many rows where that is finer than octaves; width of its longest bar"""
+
+
+@daemon.callback()
+def _daemon() -> None:
+    """The control daemon of the robot that is up (docs/architecture.md)."""
+
+
+@hardware.callback()
+def _hardware() -> None:
+    """The drives and devices of the robot that is up."""
+
+
+@daemon.command()
+def stats(
+    json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, with every bin.")] = False,
+    reset: Annotated[bool, typer.Option("--reset", help="Then count anew.")] = False,
+    runtime: Annotated[Path | None, _RUNTIME] = None,
+) -> None:
+    """How long the loop's cycles work, how late they start, and how many periods they missed, since its start."""
+    timing: LoopTiming = _ask("daemon stats", GetTiming(reset=reset), runtime)
+    if json:
+        print(msgspec.json.format(msgspec.json.encode(timing), indent=1).decode())
+        return
+    clock = {"wall": "wall clock", "lockstep": "lock-step"}[timing.clock]
+    print(f"{timing.cycles} cycles of {timing.period_us:g} µs, {clock}")
+    print(f"{timing.misses} periods missed, at most {timing.longest_run} in a row")
+    print(f"overrun: {timing.overrun_policy}")
+    told = [("work", timing.work), ("lateness", timing.late)]
+    told = [(name, of) for name, of in told if any(of.counts)]
+    if told:
+        heads = ("µs", "p50", "p90", "p99", "max")
+        rows = [(name, *(f"{t:.1f}" for t in (of.p50_us, of.p90_us, of.p99_us, of.max_us))) for name, of in told]
+        print("", *_aligned([heads, *rows]), sep="\n")
+    for name, of in told:
+        print("", name, *_histogram(of, timing.edges_us), sep="\n")
+
+
+@hardware.command()
+def status(runtime: Annotated[Path | None, _RUNTIME] = None) -> None:
+    """Every drive and device: life in ros2_control's words, CiA 402 state, error, heat, age, versions, channel, its state.
+
+    Exit status 1: something is wrong with one of them, which is then said below.
+    """
+    told: HardwareStatus = _ask("hardware status", GetHardware(), runtime)
+    heads = ("component", "family", "channel", "bus", "life", "state", "error", "°C", "age", "firmware", "protocol")
+    print(*_aligned([heads, *map(_row, told.components)]), sep="\n")
+    if wrong := [f"{part.name}: {part.problem}" for part in told.components if part.problem]:
+        sys.exit("\n".join(f"handrail hardware status: {line}" for line in wrong))
+
+
+def _row(part: HardwareComponent) -> tuple[str, ...]:
+    heat = "–" if part.temperature is None else f"{part.temperature:.1f}"
+    numbers = (part.age, part.firmware_version, part.protocol_version)
+    error = str(part.error) if part.error else "–"
+    age, firmware, protocol = ("–" if number is None else str(number) for number in numbers)
+    words = (part.family, part.channel, part.bus_state or "–", part.life, part.state or "–")
+    return (part.name, *words, error, heat, age, firmware, protocol)
+
+
+def _ask(verb: str, call: msgspec.Struct, runtime: Path | None) -> Any:
+    """The daemon's answer; exits with one line when there is none."""
+    try:
+        place = Runtime.at(runtime, make=False)
+        if not (place.folder / "daemon.call").exists():  # spares the wait for an answer
+            place.robot_up()
+        with closing(Caller(place.endpoint("daemon.call"), timeout_s=2.0)) as caller:
+            return caller.call(call)
+    except (OSError, ValueError, RefusedError) as error:
+        sys.exit(f"handrail {verb}: {error}")
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of words as lines, the columns below each other: numbers to the right, names to the left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    right = [any(cell[:1].isdigit() for cell in column) for column in zip(*rows[1:], strict=True)]
+    return [
+        "  ".join(
+            f"{cell:>{w}}" if r else f"{cell:<{w}}" for cell, w, r in zip(row, widths, right, strict=True)
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _histogram(of: TimeDistribution, edges_us: Sequence[float]) -> list[str]:
+    """A bar for each group of bins from the shortest time that there was to the longest, as fine as `_ROWS` allow."""
+    counts = np.array(of.counts)
+    lower, upper = [0.0, *edges_us], [*edges_us, np.inf]
+    first, last = np.flatnonzero(counts)[[0, -1]]
+    # The first bin holds what is below all octaves: groups never mix it with them.
+    width = next((w for w in (1, 2, 4, 8) if (last - 1) // w - (first - 1) // w < _ROWS), 8)
+    rows, sums = [], []
+    for group in range((first - 1) // width, (last - 1) // width + 1):
+        start, end = (group * width + 1, min((group + 1) * width, len(counts) - 1)) if group >= 0 else (0, 0)
+        sums.append(int(counts[start : end + 1].sum()))
+        beyond = "" if np.isinf(upper[end]) else f"{upper[end]:.4g}"
+        rows.append((f"{lower[start]:.4g}", "…", beyond))
+    shown = [f"{count} {100 * count / counts.sum():6.2f} %" for count in sums]
+    bars = ["█" * max(round(_BAR * count / max(sums)), count > 0) for count in sums]
+    cells = [(*row, share.rjust(max(map(len, shown))), bar) for row, share, bar in zip(rows, shown, bars, strict=True)]
+    return _aligned([("from", "", "to µs", "cycles", ""), *cells])

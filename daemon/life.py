@@ -96,6 +96,8 @@ class Life:
             wrong = max(hardware.first_stranger(), hardware.first_unknown())
             if wrong >= 0:  # it said so, or kept its silence for long enough, only now
                 self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, wrong)
+            elif self._enabling_for > self._patience:
+                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT)
             elif hardware.goal is not Goal.OPERATIONAL:
                 if hardware.acquainted:  # no drive comes to operation that may not understand what it is told there
                     hardware.goal = Goal.OPERATIONAL
@@ -103,8 +105,6 @@ class Life:
                 self._manager.enable()
                 self._devices.enable()
                 self._enabling_for = -1
-            elif self._enabling_for > self._patience:
-                self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT)
 
     def quick_stop(self, joint: int) -> None:
         """Something that must not happen has: there is no command for `joint` that could be written."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
 from daemon.exchange.reports import explain
+from daemon.life import ENABLING_TIME
 from hal.can import frames
 from hal.drives.lifecycle import State
 from hal.drives.parameters import Parameter
@@ -84,6 +85,21 @@ def test_a_drive_that_never_says_its_version_is_not_enabled_and_named(bench) -> 
     assert f"the drive of {JOINT} does not say which version" in words and "update its firmware" in words
     bench.drives.mute[joint] = False
     bench.run(60)
+    bench.enable()
+
+
+def test_enabling_is_given_up_while_a_drive_that_has_not_said_its_version_is_silent(bench) -> None:
+    joint = bench.index(JOINT)
+    bench.drives.mute[joint] = True
+    bench.run(1)
+    assert bench.ask(Kind.ENABLE) is Answer.ACCEPTED
+    bench.drives.silent[joint] = True
+    assert not bench.run(round(ENABLING_TIME * 1e9 / bench.description.period_ns) + 1)["flags"] & Flag.ENABLING
+    assert bench.ask(Kind.ENABLE) is Answer.DRIVE_FAULT
+    bench.drives.mute[joint] = bench.drives.silent[joint] = False
+    lives = []
+    bench.run(60, lambda: lives.append(bench.drives.life.max()))
+    assert max(lives) < State.READY_TO_SWITCH_ON, "who comes back later is not enabled unasked"
     bench.enable()
 
 

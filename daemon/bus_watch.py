@@ -47,9 +47,9 @@ class BusWatch:
             if self._links and rounds % _ROUNDS == 0:
                 told = {name: of_link(link) for name, link in self._links.items()}
                 real = {name: state.state for name, state in told.items() if state is not None}
-                self._states = self._states | real
             rounds += 1
             if not self._virtual:
+                self._states = real
                 continue
             try:
                 bus = bus or HubControl(self._path, timeout_s=_PATIENCE_S)

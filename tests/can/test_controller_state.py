@@ -13,6 +13,7 @@ import can
 import pytest
 from rich.console import Console
 
+from daemon import bus_watch
 from daemon.bus_watch import BusWatch
 from hal.can import bus_check, bus_table, real_port
 from hal.can.bus_check import Survey
@@ -81,18 +82,27 @@ def test_stats_of_a_real_bus_show_this_computers_controller(ip: Path) -> None:
     assert "error passive    -    -" in console.export_text()
 
 
-def test_the_daemons_status_has_the_state_of_its_network_interfaces(ip: Path, tmp_path: Path) -> None:
+def test_the_daemons_status_has_the_state_of_its_network_interfaces_while_they_are_there(
+    ip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bus_watch, "_PERIOD_S", 0.02)
     channels = [
         Channel(name="left", interface="socketcan", channel="can0", bitrate=1_000_000, data_bitrate=5_000_000),
         Channel(name="gone", interface="socketcan", channel="can9", bitrate=1_000_000, data_bitrate=5_000_000),
         Channel(name="usb", interface="pcan", bitrate=1_000_000, data_bitrate=5_000_000),
     ]
     watch = BusWatch(Runtime.at(tmp_path / "robot"), channels)
-    until = time.monotonic() + 10.0
-    while not watch.states() and time.monotonic() < until:
-        time.sleep(0.02)
+
+    def wait_for(states: dict[str, str]) -> None:
+        until = time.monotonic() + 10.0
+        while watch.states() != states and time.monotonic() < until:
+            time.sleep(0.02)
+        assert watch.states() == states
+
+    wait_for({"left": "error_passive"})
+    ip.write_text("[]")  # its adapter is unplugged
+    wait_for({})
     watch.close()
-    assert watch.states() == {"left": "error_passive"}
 
 
 def test_a_check_says_what_to_do_about_a_controller_in_trouble() -> None:

@@ -141,10 +141,11 @@ class TypedMessage:
         self, plan: Plan, item: TypedField, layout: MessageLayout, numbers: dict[str, int], values: np.ndarray
     ) -> None:
         given = getattr(self, item.name)
-        if given == NEXT and item.meaning is Field.SEQUENCE and plan.kind.role in COUNTED:
+        # The meaning first: arrays must not be compared with a number.
+        if item.meaning is Field.SEQUENCE and plan.kind.role in COUNTED and given == NEXT:
             status = plan.kind.role is Role.DEVICE_STATUS
             given = next(_counters[self._family, status, numbers["limb"], numbers["device"]]) % (1 << item.bits)
-        elif given == NOW and item.meaning is Field.TIME:
+        elif item.meaning is Field.TIME and given == NOW:
             given = time.monotonic_ns() // 1000 % (1 << item.bits)
         many = list(given) if item.axes else [given]
         if item.axes and len(many) > item.axes:

@@ -204,6 +204,12 @@ def test_what_does_not_fit_is_refused_by_message_signal_value_and_range(message:
         message.encode()
 
 
+def test_an_array_is_as_good_as_a_list() -> None:
+    values = np.linspace(-1.0, 1.0, 7)
+    sent = limb_fd.LimbCommand(limb=2, position=values, sequence=5).encode()  # type: ignore[arg-type]
+    assert sent.data == limb_fd.LimbCommand(limb=2, position=values.tolist(), sequence=5).encode().data
+
+
 def test_enums_numbers_and_flags_come_back_as_what_they_are() -> None:
     sent = limb_fd.LimbStatus(limb=3, state=[State.FAULT], error=[DriveError.UNDERVOLTAGE, 12], warning=[True])
     got = limb_fd.LimbStatus.decode(sent.encode())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -342,8 +343,11 @@ def test_in_lock_step_who_sends_one_datagram_a_cycle_may_still_send_many(
     assert heard == list(range(sent)) == _ids(listener.receive(1.0))
 
 
-def test_a_port_waits_no_longer_than_it_is_asked_to(hub: Hub, join: Join, make_frames: Make) -> None:
+@pytest.mark.parametrize("awake", [False, True])
+def test_a_port_waits_no_longer_than_it_is_asked_to(hub: Hub, join: Join, make_frames: Make, awake: bool) -> None:
     port = join()
+    if awake:
+        port.take_turns()
     for timeout_s in (0.05, 0.0, 0.02):
         began = time.perf_counter()
         assert len(port.receive(timeout_s)) == 0
@@ -351,3 +355,8 @@ def test_a_port_waits_no_longer_than_it_is_asked_to(hub: Hub, join: Join, make_f
     hub.transmit(make_frames([1, 2]))
     hub.transmit(make_frames([3]))
     assert _ids(port.receive(0.02)) == [1, 2, 3]
+    for wait_s in (0.0005, 0.03):  # while it is awake, and when it sleeps
+        later = threading.Timer(wait_s, hub.transmit, [make_frames([4])])
+        later.start()
+        assert _ids(port.receive(10.0)) == [4]
+        later.join()

@@ -34,6 +34,7 @@ class CorePair:
         self._waited_ns, self._looked_ns = _waited_ns(), time.monotonic_ns()
         self._together, self._part_at, self._crowded = False, 0.0, 0
         self._together_s = _TOGETHER_S
+        self._move(self._allowed)  # who took turns with it before may have been killed while they shared a core
 
     def look(self) -> None:
         """See, a few times a second, whether these cores still are a good place for both."""

@@ -60,6 +60,12 @@ def test_both_are_let_go_at_the_end(other: int) -> None:
     assert os.sched_getaffinity(other) == os.sched_getaffinity(0) == ALLOWED
 
 
+def test_a_process_whose_last_partner_was_killed_while_they_shared_a_core_is_let_go(other: int) -> None:
+    os.sched_setaffinity(other, {min(ALLOWED)})
+    CorePair(other)
+    assert os.sched_getaffinity(other) == ALLOWED
+
+
 def test_a_process_that_is_not_there_is_left_alone() -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as gone:
         gone.wait()

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import tempfile
 import threading
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT, ROBOT = Path(__file__).resolve().parent.parent, "talos_upper"
 
 
 def main() -> None:
@@ -18,10 +20,15 @@ def main() -> None:
         for stale in (ROOT / package).rglob("*.nb[ic]"):
             stale.unlink()
 
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
+        for part in [processes.submit(compile_part) for compile_part in (_robot, _whole_body, _planner)]:
+            part.result()
+    print("kernels compiled")
+
+
+def _robot() -> None:
+    """What bus, drives, plant and loop are made of."""
     from daemon import loop
-    from daemon.wbc.hierarchy import WholeBody
-    from daemon.wbc.model import WholeBodyModel
-    from engines.planning.manipulation import ManipulationPlanner
     from hal.can.hub import Hub
     from hal.can.port import HubPort
     from hal.drives.protocol import LimbProtocol
@@ -33,11 +40,9 @@ def main() -> None:
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
 
-    description = robots.load("talos_upper")
-    kinematics = Kinematics(description)
+    description = robots.load(ROBOT)
     protocol = LimbProtocol(description)
-    loop.warm_up(kinematics)
-    WholeBody(WholeBodyModel.of(kinematics), []).warm_up()
+    loop.warm_up(Kinematics(description))
     with tempfile.TemporaryDirectory(prefix="hr") as folder:
         hub = Hub(Path(folder) / "bus.sock", description.channels)
         joined = threading.Event()
@@ -51,8 +56,24 @@ def main() -> None:
             hub.close()
     service.warm_up(description, load("valve"))
     BusNode(World(description, load("valve")))
-    ManipulationPlanner(description, kinematics)
-    print("kernels compiled")
+
+
+def _whole_body() -> None:
+    from daemon.wbc.hierarchy import WholeBody
+    from daemon.wbc.model import WholeBodyModel
+    from handrail.robot import description as robots
+    from handrail.robot.kinematics import Kinematics
+
+    WholeBody(WholeBodyModel.of(Kinematics(robots.load(ROBOT))), []).warm_up()
+
+
+def _planner() -> None:
+    from engines.planning.manipulation import ManipulationPlanner
+    from handrail.robot import description as robots
+    from handrail.robot.kinematics import Kinematics
+
+    description = robots.load(ROBOT)
+    ManipulationPlanner(description, Kinematics(description))
 
 
 if __name__ == "__main__":

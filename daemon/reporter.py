@@ -226,7 +226,8 @@ class Reporter:
 
     def _bus_statistics(self, newest: np.ndarray, states: Mapping[str, str]) -> list[BusStatistics]:
         now = int(newest["time_ns"])
-        while len(self._loads) > 1 and now - self._loads[0][0] > _LOAD_WINDOW_NS:
+        # The one before the window stays: a server that reads seldom has none inside it.
+        while len(self._loads) > 1 and now - self._loads[1][0] >= _LOAD_WINDOW_NS:
             self._loads.popleft()
         then, busy_then = self._loads[0] if self._loads else (now, newest["busy_ns"])
         share = (newest["busy_ns"] - busy_then) / max(now - then, 1)

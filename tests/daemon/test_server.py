@@ -270,6 +270,8 @@ def test_a_latched_stop_is_told_at_once_with_its_reason(rig: Rig) -> None:
 
 def test_bus_load_is_the_share_of_the_last_second(rig: Rig) -> None:
     loop = rig.start_loop()
+    first = loop.snapshot["cycle"]  # of what was before it came the server sees the newest only
+    rig.until(m.DaemonStatus, lambda status: status.loop.cycles == first)
     for number in range(1, 601):  # 1.2 s of the robot's time, 0.5 ms of 2 busy on the first channel
         loop.cycle(busy_ns=[number * 500_000, 0], frames_sent=[number, 0])
     last = loop.snapshot["cycle"]

@@ -19,11 +19,12 @@ test: $(WARM)   ## lint, types, floors and every test (under 15 minutes on 2 cor
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
-	$(BIN)/mypy
 ifeq ($(strip $(ARGS)),)
-	$(BIN)/python -m pytest -m "not soak and not stack" -n 2 --dist loadfile
+	$(BIN)/mypy & types=$$!; $(BIN)/python -m pytest -m "not soak and not stack" -n 3 --dist loadfile; \
+	  tests=$$?; wait $$types && exit $$tests
 	$(BIN)/python -m pytest -m "stack and not soak"
 else
+	$(BIN)/mypy
 	$(BIN)/python -m pytest -m "not soak" $(ARGS)
 endif
 

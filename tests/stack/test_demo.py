@@ -29,10 +29,10 @@ def demo(folder, *arguments: str, timeout_s: float, **environment: str) -> tuple
 
 
 @pytest.mark.timeout(400)
-def test_two_seeds_turn_the_valve_in_lock_step(tmp_path):
-    status, rows, text = demo(tmp_path, "--seeds", "2", timeout_s=380)
+def test_the_valve_turns_in_lock_step(tmp_path):
+    status, rows, text = demo(tmp_path, "--seeds", "1", timeout_s=380)
     assert status == 0, text
-    assert [row["seed"] for row in rows] == [0, 1]
+    assert [row["seed"] for row in rows] == [0]
     for row in rows:
         assert row["success"], text
         assert row["turned_deg"] >= 270

@@ -255,14 +255,15 @@ def test_the_service_tells_how_to_go_on_keeps_its_health_file_and_ends_all_on_ct
     assert f"handrail stop --runtime {runtime.folder}" in told
     assert "handrail tablet --connect tcp://127.0.0.1:47800" in told
     assert json.loads(health.read_text()) == {"plant": "up", "loop": "up"}
-    before = health.stat().st_ino
+    first = health.open()  # while it is open no other file can have its number
     loop = _children_of(process.pid)["loop"]
     os.kill(loop, signal.SIGKILL)
     deadline = time.monotonic() + 20
     while json.loads(health.read_text()) != {"plant": "up", "loop": "up (died once)"}:
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    assert health.stat().st_ino != before  # replaced whole, never seen half written
+    with first:  # replaced whole, never seen half written
+        assert not os.path.samestat(os.fstat(first.fileno()), health.stat())
     process.send_signal(signal.SIGINT)
     rest, _ = process.communicate(timeout=20)
     assert process.returncode == 0

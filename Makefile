@@ -20,7 +20,7 @@ test: $(WARM)   ## lint, types, floors and every test (under 15 minutes on 2 cor
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 ifeq ($(strip $(ARGS)),)
-	$(BIN)/mypy & types=$$!; $(BIN)/python -m pytest -m "not soak and not stack" -n 3 --dist loadfile; \
+	$(BIN)/mypy & types=$$!; $(BIN)/python -m pytest -m "not soak and not stack" -n 2 --dist loadfile; \
 	  tests=$$?; wait $$types && exit $$tests
 	$(BIN)/python -m pytest -m "stack and not soak"
 else

@@ -234,7 +234,7 @@ def test_a_delay_ends_by_itself_on_the_wall_clock(on: Bench, make_frames: Make) 
     begun = time.perf_counter()
     assert _ids(on.hub.poll(0.01)) == []
     assert _ids(on.hub.poll(5.0)) == [0x100]
-    assert 0.02 < time.perf_counter() - begun < 1.0
+    assert 0.02 < time.perf_counter() - begun < 10.0
     assert _ids(listener.receive(1.0)) == [0x100]
 
 

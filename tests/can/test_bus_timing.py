@@ -122,7 +122,7 @@ def test_on_the_wall_clock_the_hub_wakes_up_when_a_frame_ends(bench: Benches, fo
     took = time.perf_counter() - begun
     needed = sum(_cost(batch)) * 1e-9
     assert heard == 50 and took >= needed
-    assert took < needed + 0.5  # a machine with much else to do is late, but not for ever
+    assert took < needed + 5.0  # a machine with much else to do is late, but not for ever
     assert len(listener.receive(1.0)) == 50
 
 

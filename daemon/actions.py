@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.controllers.base import MotionController
-from daemon.controllers.cartesian_impedance import CartesianImpedance
-from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.controllers.registry import for_motion
 from daemon.end_conditions import farthest_off, first_met, force_frames
 from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, TrajectoryMotion
 from daemon.manager import ClaimError, ControllerManager
@@ -96,15 +95,12 @@ class ActionTable:
             claimed = np.isin(motion.joints, other.controller.joints)
             if claimed.any():
                 return Refusal(Answer.CLAIMED, int(motion.joints[int(np.argmax(claimed))]))
-        controller: MotionController
         if isinstance(motion, TrajectoryMotion):
             off = np.abs(motion.positions[0] - last.position[motion.joints])
             worst = int(np.argmax(off))
             if not off[worst] <= START_TOLERANCE:
                 return Refusal(Answer.START_OFF, int(motion.joints[worst]), float(off[worst]))
-            controller = JointTrajectory(motion, self._manager.gains, self._robot.period)
-        else:
-            controller = CartesianImpedance(motion, self._manager.gains, self._robot.period)
+        controller = for_motion(motion, self._manager.gains, self._robot.period)
         slot = self._free_slot()
         if slot is None:
             return Refusal(Answer.TOO_MANY)

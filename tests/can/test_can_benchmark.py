@@ -16,7 +16,9 @@ cli = typer.Typer()
 cli.command()(bench)
 
 
-def test_every_row_stands_beside_cantools_and_is_written_as_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_row_stands_beside_cantools_and_is_written_as_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(can_codec, "_ROUNDS", 3)
     monkeypatch.setattr(can_codec, "_ROUND_S", 0.002)
     result = CliRunner().invoke(cli, ["can_codec", "--json", str(tmp_path / "rows.json")])

@@ -48,6 +48,12 @@ class Handle:
         of a Clearance the distance beyond `least`."""
         return self.parameters[at.ERROR : at.ERROR + 6]
 
+    @property
+    def reference(self) -> tuple[Array, Array]:
+        """Position (3,) m and rotation (3, 3) that the task is to bring its frame to: views."""
+        p = self.parameters
+        return p[at.REF_P : at.REF_P + 3], p[at.REF_R : at.REF_R + 9].reshape(3, 3)
+
     def pose(
         self,
         position: Array | tuple[float, ...] | None = None,

@@ -236,27 +236,28 @@ class WholeBody:
         row, wanted = np.zeros((1, int(self.sizes[at.N]))), np.zeros(1)
         for k in on:
             self.task_rows(k, row, wanted)
-            self.plan[k, at.ON] = 0
         shares = np.nan_to_num(
             self._memory["parameters"][:, at.SHARE], nan=1.0
         )  # a broken state goes through, and is told
         order = sorted(on, key=lambda k: -shares[k])
         out, blend, worst = self._memory["out"], np.zeros_like(self._memory["out"]), None
         most = 1.0
-        for there in range(len(order) + 1):
-            if there:
-                self.plan[order[there - 1], at.ON] = 1
-            least = float(shares[order[there]]) if there < len(order) else 0.0
-            if not most - least > 0.0:
+        self.plan[on, at.ON] = 0
+        try:
+            for there in range(len(order) + 1):
+                if there:
+                    self.plan[order[there - 1], at.ON] = 1
+                least = float(shares[order[there]]) if there < len(order) else 0.0
+                if not most - least > 0.0:
+                    most = least
+                    continue
+                self._solve_once()
+                blend += (most - least) * out
                 most = least
-                continue
-            self._solve_once()
-            blend += (most - least) * out
-            most = least
-            if not self.result.solved:
-                worst = (self.result.why, self.result.blocked)
-        for k in on:
-            self.plan[k, at.ON] = 1
+                if not self.result.solved:
+                    worst = (self.result.why, self.result.blocked)
+        finally:  # whoever goes on after an error goes on with all of them
+            self.plan[on, at.ON] = 1
         out[:] = blend
         if worst:
             self.result.solved, (self.result.why, self.result.blocked) = False, worst

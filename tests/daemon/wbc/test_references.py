@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from daemon.references import HermitePath, LinePath
+from daemon.references import HermitePath, LinePath, PathClock
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.references import FrameTrajectory, JointTrajectory, StreamedPose
 from daemon.wbc.tasks import SE3, JPos
@@ -74,3 +74,71 @@ def test_a_stream_is_followed_and_its_silence_is_a_stop(model_of) -> None:
     assert max(errors) < 8e-3
     moved = model.frame(HAND).translation - start
     assert moved == pytest.approx([0.0, 0.1 * (0.58 + 0.1), 0.0], abs=3e-3), "0.58 s of stream, 0.1 s on its own"
+
+
+def test_a_stream_that_stops_is_gone_on_with_in_orientation_too(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    start = model.frame(HAND)
+    stream = StreamedPose(body["hand"], PERIOD, stale=0.2)
+    velocity = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+
+    def send(cycle: int) -> None:
+        if cycle < 200 and cycle % 10 == 0:
+            stream.receive(start.translation, pin.exp3(velocity[3:] * cycle * PERIOD) @ start.rotation, velocity)
+
+    errors = simulate(model, body, [stream], 700, send)
+    assert stream.silent
+    assert max(errors) < 0.03
+    turned = pin.log3(model.frame(HAND).rotation @ start.rotation.T)
+    assert turned == pytest.approx([0.0, 0.0, 0.5 * (0.38 + 0.2)], abs=3e-3), "0.38 s of stream, 0.2 s on its own"
+
+
+def test_a_streamed_pose_far_away_is_gone_to_and_not_jumped_to(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    start = model.frame(HAND)
+    stream = StreamedPose(body["hand"], PERIOD, speed=0.2, turn=0.5)
+    goal = start.translation + np.array([0.0, 0.1, 0.0]), pin.exp3(np.array([0.0, 0.0, 0.3])) @ start.rotation
+    quaternion = pin.Quaternion(goal[1]).coeffs()
+    rates: list[tuple[float, float]] = []
+    last = [start.translation.copy(), start.rotation.copy()]
+
+    def send(cycle: int) -> None:
+        if cycle == 0:
+            stream.receive(goal[0], quaternion)
+        position, rotation = body["hand"].reference
+        turn = np.linalg.norm(pin.log3(rotation @ last[1].T))
+        rates.append((float(np.linalg.norm(position - last[0])) / PERIOD, float(turn) / PERIOD))
+        last[:] = position.copy(), rotation.copy()
+
+    errors = simulate(model, body, [stream], 1200, send)
+    assert max(rates) == pytest.approx((0.2, 0.5))
+    assert max(errors) < 0.03
+    assert model.frame(HAND).translation == pytest.approx(goal[0], abs=1e-3)
+    assert np.linalg.norm(pin.log3(goal[1].T @ model.frame(HAND).rotation)) < 3e-3
+
+
+def test_a_stream_stands_while_its_clock_stands(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    clock = PathClock(float("inf"), PERIOD)
+    stream = StreamedPose(body["hand"], PERIOD, clock=clock)
+    clock.slow_to(0.0)
+    while not clock.standing:
+        clock.advance()
+    start = body["hand"].reference[0].copy()
+    stream.receive(start + 0.1)
+    for _ in range(50):
+        stream.advance()
+    assert body["hand"].reference[0] == pytest.approx(start)
+
+
+@pytest.mark.parametrize("broken", [{"position": np.full(3, np.nan)}, {"velocity": np.full(6, np.inf)}])
+def test_a_streamed_pose_that_is_not_finite_changes_nothing(model_of, broken) -> None:
+    body = WholeBody(model_of("panda"), [[SE3(frame=HAND, name="hand")]])
+    stream = StreamedPose(body["hand"], PERIOD)
+    before = body["hand"].reference[0].copy()
+    assert not stream.receive(**{"position": before + 0.1, **broken})
+    stream.advance()
+    assert body["hand"].reference[0] == pytest.approx(before)

@@ -215,6 +215,21 @@ def test_a_hand_that_is_sent_through_a_plane_stops_before_it_and_elsewhere_goes_
     assert model.frame("panda_hand").translation[1] == pytest.approx(goal[1], abs=0.02)
 
 
+def test_a_clearance_takes_part_again_after_a_solution_that_raised(model_of, monkeypatch) -> None:
+    model = model_of("panda")
+    away = Clearance(name="away", body=Capsule(frame="panda_hand"), plane=Plane(), least=0.0, reach=5.0)
+    body = WholeBody(model, [[away], [JPos()]])
+
+    def fail(status: int) -> None:
+        raise ArithmeticError("on purpose")
+
+    monkeypatch.setattr(body._feasibility, "solve", fail)
+    model.place(np.full(7, np.nan), np.zeros(7))
+    with pytest.raises(ArithmeticError):
+        body.solve()
+    assert body["away"].on
+
+
 def test_a_clearance_takes_part_only_near_and_then_pushes_away_smoothly(model_of) -> None:
     model = model_of("panda")
     hand = model.frame("panda_hand").translation

@@ -46,9 +46,7 @@ class FrameTrajectory:
 class JointTrajectory:
     """Cubic polynomials through knots of all joints; for JPos."""
 
-    def __init__(
-        self, handle: Handle, path: HermitePath, joints: int, period: float, clock: PathClock | None = None
-    ):
+    def __init__(self, handle: Handle, path: HermitePath, joints: int, period: float, clock: PathClock | None = None):
         """`joints`: how many, in the order of the model's; `period`: of the loop, s; `clock`: as of a FrameTrajectory."""
         self._own = clock is None
         self.clock = PathClock(path.length, period) if clock is None else clock

@@ -44,6 +44,8 @@ class NodeState(msgspec.Struct, kw_only=True):
     """frames in its transmit FIFO"""
     overflows: int
     """frames refused since the FIFO was full, or thrown away at bus-off"""
+    unread: int = 0
+    """frames of all its channels that the hub keeps for it since its process has not read the earlier ones"""
 
 
 class ChannelState(msgspec.Struct, kw_only=True):

@@ -358,12 +358,12 @@ class Hub:
 
     def report(self) -> BusReport:
         """Everything about the bus at this moment."""
-        return self._reporter.report(self._clock(), self._traffic, self._places())
+        return self._reporter.report(self._clock(), self._traffic, self._places(), self._unread())
 
     def node_states(self, name: str) -> list[NodeState]:
         """How the node of this name fares, on each of its channels; none where nobody is called so."""
         places = [place for place in self._places() if self._names[place[0]] == name]
-        return self._reporter.node_states(self._traffic, places)
+        return self._reporter.node_states(self._traffic, places, self._unread())
 
     def statistics(self) -> list[ChannelStatistics]:
         """What every channel has carried. Call it several times a second for a load that is up to date."""
@@ -383,6 +383,9 @@ class Hub:
     def clear_fault(self, number: int | None = None) -> int:
         """Take back one fault, or all (None); returns how many. Raises ValueError when there is no such fault."""
         return self._traffic.clear(number, self._clock())
+
+    def _unread(self) -> dict[int, int]:
+        return {node.number: node.unread for node in self._members.greeted}
 
     def _places(self) -> list[tuple[int, int]]:
         """(number, channel's index) of every node on every channel of its."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from hal.can import tally
@@ -39,8 +39,10 @@ class Reporter:
             for channel, (frames, busy), meter in zip(self._channels, totals, self._meters, strict=True)
         ]
 
-    def report(self, now: int, traffic: Traffic, places: Iterable[tuple[int, int]]) -> BusReport:
-        """Everything about the bus at `now` (ns). places: of the nodes, (number, channel's index)."""
+    def report(
+        self, now: int, traffic: Traffic, places: Iterable[tuple[int, int]], unread: Mapping[int, int]
+    ) -> BusReport:
+        """Everything about the bus at `now` (ns). places: of the nodes, (number, channel's index); unread: by number."""
         channels = [
             ChannelState(
                 name=channel.name,
@@ -61,16 +63,18 @@ class Reporter:
             time_ns=now,
             timing=traffic.timing,
             channels=channels,
-            nodes=self.node_states(traffic, places),
+            nodes=self.node_states(traffic, places, unread),
             faults=traffic.disturbance.faults,
             hits=traffic.disturbance.hits,
         )
 
-    def node_states(self, traffic: Traffic, places: Iterable[tuple[int, int]]) -> list[NodeState]:
+    def node_states(
+        self, traffic: Traffic, places: Iterable[tuple[int, int]], unread: Mapping[int, int]
+    ) -> list[NodeState]:
         """How the nodes at these places fare."""
-        return [self._node_state(traffic, number, bus) for number, bus in places]
+        return [self._node_state(traffic, number, bus, unread.get(number, 0)) for number, bus in places]
 
-    def _node_state(self, traffic: Traffic, number: int, bus: int) -> NodeState:
+    def _node_state(self, traffic: Traffic, number: int, bus: int, unread: int) -> NodeState:
         state, transmit_errors, receive_errors, waiting, overflows = traffic.of_node(number, bus)
         return NodeState(
             name=self._names[number],
@@ -80,4 +84,5 @@ class Reporter:
             receive_errors=receive_errors,
             waiting=waiting,
             overflows=overflows,
+            unread=unread,
         )

@@ -44,6 +44,11 @@ class Node:
         self.hears_all = list(places) == list(range(channels))
 
     @property
+    def unread(self) -> int:
+        """Records that wait here until the socket has room."""
+        return self._queued
+
+    @property
     def waiting(self) -> bool:
         """True while something waits until the socket has room."""
         return bool(self._queue)

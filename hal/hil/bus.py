@@ -30,6 +30,7 @@ from handrail.runtime import Runtime
 KEPT = 400_000
 """frames that are remembered, the newest: half a minute of a robot with 18 drives"""
 _LOOK_S, _HOLD_S = 0.05, 0.1
+_NODE, _CATCH_UP_S = "test", 20.0
 _CAN_TIME_STEP = 1e-9
 
 
@@ -51,11 +52,13 @@ class Bus:
     def __init__(self, runtime: Runtime, description: RobotDescription):
         self._runtime, self._description = runtime, description
         self._protocol = LimbProtocol(description)
-        self._port = HubPort(runtime.bus, own_frames=True, name="test")
+        self._port = HubPort(runtime.bus, own_frames=True, name=_NODE)
         self.channels = [channel.name for channel in self._port.channels]
         self._control = HubControl(runtime.bus)
         self._kept: deque[npt.NDArray[np.void]] = deque()
         self._first = self._count = 0
+        self._asked = self._reached = 0
+        """how often somebody wanted all that is on its way, and how often the listener has seen the end of it"""
         self._changed = threading.Condition()
         self._outbox: deque[npt.NDArray[np.void]] = deque()
         self._closing = self.holding = False
@@ -74,9 +77,10 @@ class Bus:
                 poll.poll(_LOOK_S * 1000)
                 with contextlib.suppress(BlockingIOError):
                     os.eventfd_read(self._wake)
-                records = self._port.receive()
-                if len(records):
+                asked = self._asked
+                while len(records := self._port.receive()):
                     self._keep(records.copy())
+                self._reach(asked)
                 while self._outbox:
                     self._port.send(self._outbox.popleft())
                 if self.holding and (now := time.monotonic()) >= next_hold:
@@ -85,8 +89,29 @@ class Bus:
         except BusLost:
             return  # the plant has ended
         finally:
+            self._closing = True
+            self._reach(self._asked)
+
+    def _reach(self, asked: int) -> None:
+        if asked > self._reached or self._closing:
             with self._changed:
+                self._reached = asked
                 self._changed.notify_all()
+
+    def _catch_up(self) -> None:
+        """Hear all that was on the bus before this call: on a busy machine a robot in lock-step is seconds ahead."""
+        deadline = time.monotonic() + _CATCH_UP_S
+        with contextlib.suppress(BusLost):  # a bus that has ended says nothing more, and what it said is in the socket
+            while not self._closing and (waiting := max(at.unread for at in self._control.node(_NODE))):
+                assert time.monotonic() < deadline, f"{waiting} frames still wait on the bus after {_CATCH_UP_S:g} s"
+                with self._changed:
+                    self._changed.wait(_LOOK_S)
+        with self._changed:
+            self._asked += 1
+            asked = self._asked
+            os.eventfd_write(self._wake, 1)
+            came = self._changed.wait_for(lambda: self._reached >= asked or self._closing, _CATCH_UP_S)
+        assert came, f"the frames on the bus did not end in {_CATCH_UP_S:g} s"
 
     def _keep(self, records: npt.NDArray[np.void]) -> None:
         with self._changed:
@@ -100,11 +125,13 @@ class Bus:
 
     @property
     def mark(self) -> int:
-        """How many frames have come: give it to `traffic(since=...)` later."""
+        """How many frames have come until now: give it to `traffic(since=...)` later."""
+        self._catch_up()
         return self._count
 
     def records(self, since: int = 0) -> npt.NDArray[np.void]:
-        """Frames (hal.can.frames.RECORD) since a mark, as far as they are remembered."""
+        """Frames (hal.can.frames.RECORD) since a mark until now, as far as they are remembered."""
+        self._catch_up()
         with self._changed:
             everything, first = list(self._kept), self._first
         joined = np.concatenate(everything) if everything else frames.empty(0)

@@ -49,6 +49,12 @@ class Look(msgspec.Struct, tag=True, kw_only=True):
     anew: bool = False
 
 
+class Recall(msgspec.Struct, tag=True, kw_only=True):
+    """Where the joints were at a moment of the last minute (ns of the plant's clock), to 10 ms."""
+
+    time_ns: int
+
+
 class Transition(msgspec.Struct, kw_only=True, frozen=True):
     """A drive came into another state."""
 
@@ -86,6 +92,15 @@ class Seen(msgspec.Struct, tag=True, kw_only=True):
     """of the window, in order of time"""
 
 
+class Was(msgspec.Struct, tag=True, kw_only=True):
+    """Answer to Recall."""
+
+    time_ns: int
+    """at most 10 ms before the moment"""
+    joints: dict[str, float]
+    """rad"""
+
+
 class Done(msgspec.Struct, tag=True):
     """Answer to the others."""
 
@@ -98,10 +113,10 @@ class No(msgspec.Struct, tag=True):
     why: str
 
 
-Request = Fail | Push | Place | Look
+Request = Fail | Push | Place | Look | Recall
 encode = msgspec.msgpack.encode
 decode_request = msgspec.msgpack.Decoder(Request).decode
-_decode_answer = msgspec.msgpack.Decoder(Seen | Done | No).decode
+_decode_answer = msgspec.msgpack.Decoder(Seen | Was | Done | No).decode
 _NAME = "plant.door"
 
 
@@ -119,7 +134,7 @@ class Door:
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.connect(self._endpoint)
 
-    def ask(self, request: Request) -> Seen | Done:
+    def ask(self, request: Request) -> Seen | Was | Done:
         """Raises DoorShut when it is refused, or the plant does not answer."""
         self._socket.send(encode(request))
         if not self._socket.poll(round(self._timeout_s * 1000)):

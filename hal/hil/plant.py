@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from hal.drives.lifecycle import State
-from hal.hil.door import Done, Door, Fail, Look, Place, Push, Seen, Transition
+from hal.hil.door import Done, Door, Fail, Look, Place, Push, Recall, Seen, Transition, Was
 from hal.hil.names import joints_of
 from handrail.messages import GroundTruth
 from handrail.robot.description import RobotDescription
@@ -60,6 +60,17 @@ class Plant:
             time.sleep(_LOOK_S)
         return truth
 
+    def joints_at(self, time_ns: int, timeout_s: float = 60.0) -> dict[str, float]:
+        """Where the joints are (rad) at a moment of the plant's clock, waited for; or were, within the last minute; to 10 ms.
+
+        A robot in lock-step does not wait for a test: what is looked at soon after may be long after. Raises AssertionError
+        when time does not come so far, hal.hil.door.DoorShut for a moment that is forgotten.
+        """
+        self.wait((time_ns - self.time_ns) * 1e-9, timeout_s)
+        was = self._door.ask(Recall(time_ns=time_ns))
+        assert isinstance(was, Was)
+        return was.joints
+
     def wait_state(self, joints: str | Iterable[str], state: str, timeout_s: float = 20.0) -> int:
         """Wait until drives are all in a CiA 402 state; ns of the plant's clock. Raises AssertionError naming the others."""
         if state not in _STATES:
@@ -89,16 +100,18 @@ class Plant:
         """Let drives fault, `after` s of the plant's time from now; error by name: encoder, overcurrent, overtemperature, ..."""
         self._done(Fail(joints=joints_of(self._description, joints), error=error, after=after))
 
-    def push(self, link: str, force: tuple[float, float, float], duration: float) -> None:
-        """Push a link with N (world frame) for s of the plant's time."""
-        self._done(Push(link=link, force=force, duration=duration))
+    def push(self, link: str, force: tuple[float, float, float], duration: float) -> int:
+        """Push a link with N (world frame) for s of the plant's time, from now on: ns of the plant's clock."""
+        return self._done(Push(link=link, force=force, duration=duration))
 
     def place(self, **positions: float) -> None:
         """Put joints at positions (rad), at rest, brakes closed and drives off."""
         self._done(Place(positions=positions))
 
-    def _done(self, request: Fail | Push | Place) -> None:
-        assert isinstance(self._door.ask(request), Done)
+    def _done(self, request: Fail | Push | Place) -> int:
+        done = self._door.ask(request)
+        assert isinstance(done, Done)
+        return done.time_ns
 
     # -------------------------------------------------------------------------------------------------------- assertions
 

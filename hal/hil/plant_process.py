@@ -19,7 +19,7 @@ from hal.can.hub import Hub
 from hal.drives.lifecycle import DriveError, State
 from hal.drives.protocol import LimbProtocol
 from hal.hil import door
-from hal.hil.door import Done, Fail, Look, No, Place, Push, Seen, Transition
+from hal.hil.door import Done, Fail, Look, No, Place, Push, Recall, Seen, Transition, Was
 from hal.plant import scene, service
 from hal.plant.bullet import pybullet as p
 from hal.plant.drive_node import STEP_NS
@@ -31,6 +31,8 @@ _PATIENCE_S = 0.01
 """longest wait on the bus, so that the door is served while time stands"""
 SILENCE_S = 2.0
 """as hal.plant.service's, but longer: on a machine that is busy with other tests a host may have to wait for its turn"""
+_TRACE_STEPS, _TRACE_KEPT = 10, 6000
+"""one step of so many is remembered for `Recall`, and so many of them: a minute"""
 
 
 class WatchedWorld(World):
@@ -43,7 +45,22 @@ class WatchedWorld(World):
         self._pushes: list[tuple[int, int, tuple[float, float, float]]] = []
         self._states, self._errors = np.full(n, 255, np.uint8), np.zeros(n, np.uint8)
         self._last_states, self._speeding = self.drives.state.copy(), np.zeros(n, np.int64)
+        self._trace, self._trace_ns = np.zeros((_TRACE_KEPT, n)), np.full(_TRACE_KEPT, -1, np.int64)
+        self._remember()
         self._begin()
+
+    def _remember(self) -> None:
+        row = self.steps // _TRACE_STEPS % _TRACE_KEPT
+        self._trace[row], self._trace_ns[row] = self.position, self.time_ns
+
+    def _recall(self, time_ns: int) -> Was | No:
+        known = np.flatnonzero(self._trace_ns >= 0)
+        oldest, now = int(self._trace_ns[known].min()), self.time_ns
+        if not oldest <= time_ns <= now:
+            return No(f"time_ns {time_ns}: not remembered; expected {oldest} to {now}")
+        row = known[np.where(self._trace_ns[known] <= time_ns, self._trace_ns[known], -1).argmax()]
+        joints = dict(zip(self.description.joints, self._trace[row].tolist(), strict=True))
+        return Was(time_ns=int(self._trace_ns[row]), joints=joints)
 
     def _begin(self) -> None:
         """A new window."""
@@ -63,6 +80,8 @@ class WatchedWorld(World):
                 middle = p.getLinkState(self._robot, link, physicsClientId=self._client)[0]
                 p.applyExternalForce(self._robot, link, push, middle, p.WORLD_FRAME, physicsClientId=self._client)
         super().step(felt=felt)
+        if self.steps % _TRACE_STEPS == 0:
+            self._remember()
         speed = np.abs(self.velocity)
         np.minimum(self._lowest, self.position, out=self._lowest)
         np.maximum(self._highest, self.position, out=self._highest)
@@ -91,7 +110,7 @@ class WatchedWorld(World):
 
     # ------------------------------------------------------------------------------------------------- what is asked for
 
-    def answer(self, request: door.Request) -> Seen | Done | No:
+    def answer(self, request: door.Request) -> Seen | Was | Done | No:
         """Do what a test asks."""
         match request:
             case Look(anew=anew):
@@ -99,6 +118,8 @@ class WatchedWorld(World):
                 if anew:
                     self._begin()
                 return seen
+            case Recall(time_ns=time_ns):
+                return self._recall(time_ns)
             case Fail(joints=joints, error=error, after=after):
                 if error.upper() not in DriveError.__members__ or error.upper() == "NONE":
                     known = ", ".join(name.lower() for name in DriveError.__members__ if name != "NONE")

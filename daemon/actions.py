@@ -12,17 +12,16 @@ import numpy as np
 
 from daemon.controllers.base import MotionController
 from daemon.controllers.registry import for_motion
-from daemon.end_conditions import farthest_off, first_met, force_frames
-from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, TrajectoryMotion
+from daemon.end_conditions import first_met, force_frames
+from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, Rule, TrajectoryMotion
 from daemon.manager import ClaimError, ControllerManager
 from daemon.robot_state import RobotState
+from daemon.safety.rules import followed, unsafe
 from hal.joint import JointCommand
 from handrail.messages import EndCondition
 
 START_TOLERANCE = 0.02
 """rad between a trajectory's first knot and what the robot is commanded"""
-DIVERGED = 0.5
-"""rad between a joint and its command at which any action ends, whatever its conditions say"""
 
 
 @dataclass
@@ -181,13 +180,14 @@ class ActionTable:
 
     def _has_to_end(self, action: Action, last: JointCommand) -> bool:
         joints, clock = action.controller.joints, action.controller.clock
-        farthest = farthest_off(joints, last.position, self._robot.joints.position)
-        if trip := first_met(action.ends, action.running, joints, farthest, self._robot):
+        seen = followed(joints, last.position, self._robot.joints)
+        if trip := first_met(action.ends, action.running, joints, seen, self._robot):
             action.outcome = Outcome.CONDITION
             action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
             return True
-        if farthest[1] > DIVERGED:
-            action.outcome, (action.joint, action.value) = Outcome.DIVERGED, farthest
+        if no := unsafe(seen):
+            action.outcome = Outcome.STALE_STATE if no.rule is Rule.STALE else Outcome.DIVERGED
+            action.joint, action.value = no.joint, no.value
             return True
         if action.ending is not Outcome.NONE and (clock.standing or clock.at_end):
             action.outcome = action.ending

@@ -1,4 +1,4 @@
-"""`handrail daemon ...` and `handrail hardware ...`: what the robot that is up says of its loop, and of its drives and devices."""
+"""`handrail daemon`, `hardware` and `safety ...`: what the robot that is up says of its loop, its drives, and what holds it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,22 @@ import msgspec
 import numpy as np
 import typer
 
-from handrail.messages import GetHardware, GetTiming, HardwareComponent, HardwareStatus, LoopTiming, TimeDistribution
+from handrail.messages import (
+    GetHardware,
+    GetSafety,
+    GetTiming,
+    HardwareComponent,
+    HardwareStatus,
+    LoopTiming,
+    SafetyReport,
+    SafetyRule,
+    TimeDistribution,
+)
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError
 
 daemon = typer.Typer(help="The control daemon.", no_args_is_help=True, add_completion=False)
+safety = typer.Typer(help="Safety rules.", no_args_is_help=True, add_completion=False)
 hardware = typer.Typer(help="Drives and devices.", no_args_is_help=True, add_completion=False)
 
 _RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's")
@@ -32,6 +43,11 @@ def _daemon() -> None:
 @hardware.callback()
 def _hardware() -> None:
     """The drives and devices of the robot that is up."""
+
+
+@safety.callback()
+def _safety() -> None:
+    """What holds the robot that is up, and why (docs/safety.md)."""
 
 
 @daemon.command()
@@ -70,6 +86,45 @@ def status(runtime: Annotated[Path | None, _RUNTIME] = None) -> None:
     print(*_aligned([heads, *map(_row, told.components)]), sep="\n")
     if wrong := [f"{part.name}: {part.problem}" for part in told.components if part.problem]:
         sys.exit("\n".join(f"handrail hardware status: {line}" for line in wrong))
+
+
+@safety.command()
+def explain(
+    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    runtime: Annotated[Path | None, _RUNTIME] = None,
+) -> None:
+    """Which safety rule holds the robot now, why, and how to recover; then what else has tripped since the loop's start.
+
+    Exit status 1: a rule holds the robot.
+    """
+    told: SafetyReport = _ask("safety explain", GetSafety(), runtime)
+    if json:
+        print(msgspec.json.format(msgspec.json.encode(told), indent=1).decode())
+    else:
+        print(*_explained(told), sep="\n")
+    if any(rule.holds for rule in told.rules):
+        sys.exit(1)
+
+
+def _explained(told: SafetyReport) -> list[str]:
+    holding = [rule for rule in told.rules if rule.holds]
+    lines = []
+    for rule in holding:
+        lines += [f"{told.robot} is {told.state}, held by {_tripped(rule, told.time_ns)}"]
+        lines += [f"  does     {rule.does}", f"  recover  {rule.recover}"]
+    if not holding:
+        lines.append(f"{told.robot} is {told.state}: no safety rule holds it")
+        if told.state == "inactive":
+            lines.append("  nobody has enabled it: its drives take no set-points and its brakes are closed")
+    if before := [rule for rule in told.rules if not rule.holds]:
+        lines += ["", "tripped before, since the loop's start:"]
+        lines += [f"  {_tripped(rule, told.time_ns)}, {rule.times} in all" for rule in before]
+    return lines
+
+
+def _tripped(rule: SafetyRule, now_ns: int) -> str:
+    detail = f" ({rule.detail})" if rule.detail else ""
+    return f"{rule.rule}{detail}, {(now_ns - rule.last_time_ns) * 1e-9:.1f} s ago"
 
 
 def _row(part: HardwareComponent) -> tuple[str, ...]:

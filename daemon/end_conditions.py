@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.robot_state import RobotState
+from daemon.safety.rules import Followed
 from handrail.messages import (
     ContactEnd,
     DivergenceEnd,
@@ -41,12 +41,12 @@ def first_met(
     ends: tuple[EndCondition, ...],
     running: float,
     joints: NDArray[np.int64],
-    farthest: tuple[int, float],
+    seen: Followed,
     robot: RobotState,
 ) -> Trip | None:
     """The first of `ends` that is met in this cycle, in their order.
 
-    `running`: s that the action has run; `joints`: rows that it claims; `farthest`: of them (`farthest_off`). Force conditions
+    `running`: s that the action has run; `joints`: rows that it claims; `seen`: how they follow. Force conditions
     read `robot.forces`, which the caller keeps estimated at `force_frames(ends)`.
     """
     for number, end in enumerate(ends):
@@ -70,8 +70,8 @@ def first_met(
                 if room[closest] < end.margin:
                     value, joint = float(room[closest]), int(joints[closest])
             case DivergenceEnd():
-                if farthest[1] > end.error:
-                    joint, value = farthest
+                if seen.off > end.error:
+                    joint, value = seen.farthest, seen.off
         if value is not None:
             return Trip(number, value, joint)
     return None
@@ -80,21 +80,6 @@ def first_met(
 def force_frames(ends: tuple[EndCondition, ...]) -> tuple[str, ...]:
     """The frames at which the external force has to be known."""
     return tuple(end.frame for end in ends if isinstance(end, ForceEnd | ContactEnd))
-
-
-def farthest_off(joints: NDArray[np.int64], commanded: Array, measured: Array) -> tuple[int, float]:
-    """(row, rad): the one of `joints` that is farthest from its command, and how far; `commanded`, `measured`: (n,) rad."""
-    return _farthest_off(joints, commanded, measured)
-
-
-@numba.njit(cache=True)
-def _farthest_off(joints, commanded, measured):  # type: ignore[no-untyped-def]
-    worst, most = joints[0], -1.0
-    for j in joints:
-        off = abs(measured[j] - commanded[j])
-        if off > most:
-            worst, most = j, off
-    return worst, most
 
 
 def beyond(value: float, limit: float) -> float | None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from daemon.actions import ActionTable, Refusal
 from daemon.devices import Devices
-from daemon.exchange import Answer, Flag, Outcome
+from daemon.exchange import Answer, Flag, Outcome, Rule
 from daemon.manager import ControllerManager
+from daemon.safety.ledger import Ledger
 from hal.hardware import Goal, Hardware
 
 ENABLING_TIME = 2.0
@@ -30,6 +31,7 @@ class Life:
         self._enabling_for = -1
         self.stopped = False
         self.stop_reason = ""
+        self.ledger = Ledger()
 
     @property
     def enabled(self) -> bool:
@@ -78,11 +80,13 @@ class Life:
         """Operator stop: every drive quick-stops, and stays so until `clear_stop` and then `enable`."""
         if not self.stopped:
             self.stopped, self.stop_reason = True, reason
+            self.ledger.trip(Rule.OPERATOR_STOP, holds=True)
         self._fall_to(Goal.QUICK_STOP, Outcome.STOPPED)
 
     def clear_stop(self) -> None:
         """Unlatch the operator stop. Nothing moves, drives stay as they are."""
         self.stopped, self.stop_reason = False, ""
+        self.ledger.release(Rule.OPERATOR_STOP)
 
     def update(self) -> None:
         """Follow the drives: finish enabling, or quick-stop everything when one of them is lost."""
@@ -90,25 +94,33 @@ class Life:
         if self._manager.enabled:
             wrong = max(hardware.first_lost(), hardware.first_stranger())
             if wrong >= 0:
+                self.ledger.trip(self._rule_of(wrong), wrong, holds=True)
                 self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, wrong)
         elif self._enabling_for >= 0:
             self._enabling_for += 1
             wrong = max(hardware.first_stranger(), hardware.first_unknown())
             if wrong >= 0:  # it said so, or kept its silence for long enough, only now
+                self.ledger.trip(Rule.PROTOCOL, wrong, holds=True)
                 self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT, wrong)
             elif self._enabling_for > self._patience:
+                self.ledger.trip(Rule.DRIVE_FAULT, hardware.first_lost(), holds=True)
                 self._fall_to(Goal.INACTIVE, Outcome.DRIVE_FAULT)
             elif hardware.goal is not Goal.OPERATIONAL:
                 if hardware.acquainted:  # no drive comes to operation that may not understand what it is told there
                     hardware.goal = Goal.OPERATIONAL
             elif hardware.operational:
                 self._manager.enable()
+                self.ledger.release(Rule.NO_COMMAND, Rule.PROTOCOL, Rule.DRIVE_FAULT)
                 self._devices.enable()
                 self._enabling_for = -1
 
     def quick_stop(self, joint: int) -> None:
         """Something that must not happen has: there is no command for `joint` that could be written."""
+        self.ledger.trip(Rule.NO_COMMAND, joint, holds=True)
         self._fall_to(Goal.QUICK_STOP, Outcome.REFUSED_BY_LIMITS, joint)
+
+    def _rule_of(self, joint: int) -> Rule:
+        return Rule.PROTOCOL if joint == self._hardware.first_stranger() else Rule.DRIVE_FAULT
 
     def _fall_to(self, goal: Goal, outcome: Outcome, joint: int = -1) -> None:
         self._hardware.goal = goal

@@ -26,7 +26,7 @@ from daemon.controllers.base import Gains
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.devices import Devices
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
-from daemon.exchange import TrajectoryMotion
+from daemon.exchange import Rule, TrajectoryMotion
 from daemon.gains import joint_damping
 from daemon.life import Life
 from daemon.mailbox import MailboxReader
@@ -34,7 +34,9 @@ from daemon.manager import ControllerManager
 from daemon.orders import Orders
 from daemon.ring import StateRingWriter
 from daemon.robot_state import RobotState
-from daemon.safety.limits import Limits, enforce, first_not_finite
+from daemon.safety.last_word import LastWord
+from daemon.safety.limits import Limits, enforce
+from daemon.safety.rules import followed
 from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
@@ -58,8 +60,6 @@ PRIORITY, CPUS = 80, (1,)
 """under the wall clock: of SCHED_FIFO, above the plant's, and on the other core"""
 BELL_PERIOD_NS = 10_000_000
 """of wall time, after which the server is woken when nothing else happens: in lock-step it then finds several states at once"""
-OFF_BY_LIMITS = 0.02
-"""rad by which the limits may hold a command back before its action ends"""
 
 
 class Loop:
@@ -85,7 +85,7 @@ class Loop:
         self.devices = Devices(description, hardware.devices, hardware.device_command)
         self.life = Life(hardware, self.manager, self.actions, self.devices, period)
         self.holds = TimeHolds(lockstep)
-        self.limits = Limits.of(description)
+        self.last_word = LastWord(Limits.of(description, hardware.largest_command()), self.life.ledger)
         self.written, self._next, self._commanding = JointCommand(n), JointCommand(n), False
 
         self.stop_socket = StopSocket(runtime.stop)
@@ -97,7 +97,7 @@ class Loop:
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, self.manager, self.life, self.actions, self.orders)
         self.timing = TimingWriter(runtime.timing)
         self.time_ns = -self.period_ns
-        self.cycles = self.misses = self.limited = self.work_ns = self.late_ns = self._rang_ns = 0
+        self.cycles = self.misses = self.work_ns = self.late_ns = self._rang_ns = 0
         self.ending = False
 
     def cycle(self) -> None:
@@ -151,40 +151,44 @@ class Loop:
     def run_controllers(self) -> JointCommand | None:
         """This cycle's command within the limits, or None where nobody commands the robot."""
         if self.manager.enabled:
-            wanted = self.manager.update(self.written)
-            if (bad := first_not_finite(wanted)) >= 0:
+            if (bad := self.within_limits(self.manager.update(self.written))) >= 0:
+                self.life.ledger.trip(Rule.NOT_FINITE, bad)
                 self.after_end(self.actions.refuse(bad, self.written))
-                wanted = self.manager.update(self.written)
-            if (bad := first_not_finite(wanted)) < 0:
-                return self.within_limits(wanted)
+                bad = self.within_limits(self.manager.update(self.written))
+            if bad < 0:
+                return self.written
             self.life.quick_stop(bad)
         self.written.follow(self.hardware.state)
         self._commanding = False
         return None
 
-    def within_limits(self, wanted: JointCommand) -> JointCommand:
-        """The last word: what is written, and what the next cycle calls the previous command."""
+    def within_limits(self, wanted: JointCommand) -> int:
+        """The last word: `written` is what is written, and what the next cycle calls the previous command.
+
+        A joint's row where there is no command for it that could be written, else −1.
+        """
         command, previous = self._next, self.written
-        command.copy_from(wanted)
         # The first command after enabling has none before it: the brakes carried the robot.
-        if enforce(command, previous if self._commanding else wanted, self.hardware.state, self.limits):
-            self.limited += 1
-            off = np.abs(command.position - wanted.position)
-            if (worst := int(np.argmax(off))) >= 0 and off[worst] > OFF_BY_LIMITS:
-                self.after_end(self.actions.refuse(worst, command, float(off[worst])))
+        before = previous if self._commanding else wanted
+        changed, _, joint = self.last_word.say(command, wanted, before, self.hardware.state)
+        if changed < 0:
+            return joint
+        if changed and (off := self.last_word.held_back(command, wanted)) is not None:
+            self.after_end(self.actions.refuse(off[0], command, off[1]))
         self.written, self._next, self._commanding = command, previous, True
-        return command
+        return -1
 
     def after_end(self, ended: Iterable[Action]) -> None:
-        """In lock-step an owner may have asked for time to think at its action's end."""
+        """Note why; in lock-step an owner may have asked for time to think at its action's end."""
         for action in ended:
+            self.life.ledger.action_ended(action)
             if action.hold_after > 0.0:
                 self.holds.add(action.owner, action.hold_after)
 
     def publish(self) -> None:
         """The snapshot leaves; the server hears of it when something happened, or after a while."""
         held = self.holds.active()
-        numbers = (self.cycles, self.time_ns, self.misses, self.limited, self.work_ns, self.late_ns)
+        numbers = (self.cycles, self.time_ns, self.misses, self.last_word.limited, self.work_ns, self.late_ns)
         happened = self.snapshot.publish(self.written, held, *numbers)
         now = time.monotonic_ns()
         if happened or now - self._rang_ns >= BELL_PERIOD_NS:
@@ -269,8 +273,8 @@ def warm_up(kinematics: Kinematics) -> None:
     motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)
     motion.activate(robot, command)
     motion.update(robot, command)
-    first_not_finite(command)
-    enforce(command, JointCommand(n), state, limits)
+    followed(path.joints, command.position, state)
+    enforce(JointCommand(n), command, JointCommand(n), state, limits)
 
 
 def main(arguments: list[str] | None = None) -> int:

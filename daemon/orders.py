@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from daemon.actions import ActionTable, Refusal
 from daemon.devices import Devices
-from daemon.exchange import Answer, Command, CommandReader, Kind, decode
+from daemon.exchange import Answer, Command, CommandReader, Kind, Rule, decode
 from daemon.life import Life
 from daemon.time_holds import TimeHolds
 from hal.joint import JointCommand
@@ -62,7 +62,10 @@ class Orders:
                     return Refusal(Answer.STOP_LATCHED)
                 if not life.enabled:
                     return Refusal(Answer.NOT_ENABLED)
-                return actions.start(command, last, time_ns)
+                refusal = actions.start(command, last, time_ns)
+                if refusal is not None and refusal.answer is Answer.EXPIRED:
+                    life.ledger.trip(Rule.EXPIRED, value=refusal.value)
+                return refusal
             case Kind.CANCEL:
                 return actions.cancel(command.action)
             case Kind.PAUSE:

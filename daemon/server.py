@@ -21,6 +21,7 @@ from daemon import exchange
 from daemon.bus_watch import BusWatch
 from daemon.device_reports import other_columns
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon.drive_reports import drive_problems
 from daemon.exchange import Kind
 from daemon.hardware_report import components
 from daemon.health import read_health
@@ -29,6 +30,7 @@ from daemon.mailbox import MailboxFull, MailboxWriter
 from daemon.owners import Owners
 from daemon.reporter import Reporter
 from daemon.ring import StateRingReader
+from daemon.safety.report import safety_report
 from daemon.timing import TimingReader, loop_timing
 from daemon.validation import check_gripper, check_power, check_start
 from handrail import messages as m
@@ -88,6 +90,7 @@ class Server:
             m.GetStatus: lambda _: self._status(),
             m.GetTiming: self._tell_timing,
             m.GetHardware: lambda _: self._hardware(),
+            m.GetSafety: lambda _: self._safety(),
             m.Enable: lambda _: self._ask(Kind.ENABLE),
             m.Disable: lambda _: self._ask(Kind.DISABLE),
             m.Stop: self._stop,
@@ -170,6 +173,13 @@ class Server:
     def _hardware(self) -> m.HardwareStatus:
         snapshot = self._reporter.snapshot if self._reporter.alive else None
         return m.HardwareStatus(components=list(components(snapshot, self._description, self._bus.states())))
+
+    def _safety(self) -> m.SafetyReport:
+        self._publish_news()
+        if self._reporter.snapshot is None or not self._reporter.alive:
+            raise refuse(_NO_LOOP)
+        snapshot = self._reporter.snapshot
+        return safety_report(snapshot, self._description, drive_problems(snapshot, self._description))
 
     def _tell_timing(self, call: m.GetTiming) -> m.LoopTiming:
         self._publish_news()

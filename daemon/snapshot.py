@@ -44,6 +44,7 @@ class SnapshotWriter:
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
         self._written: list[tuple[int, ActionState] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
+        self._record["safety"] = life.ledger.rows
         self._identities = -1
         state, record = hardware.state, self._record
         # Views of fields and blocks, made once: a field access on a numpy record costs more than the copy.
@@ -101,6 +102,8 @@ class SnapshotWriter:
 
         if self._hardware.identities != self._identities:
             self._write_identities()
+        if self._life.ledger.news:
+            self._record["safety"] = self._life.ledger.told(time_ns)
         flags = self._life.flags | (_HELD if holding else 0)
         stale, refused = self._hardware.stale_replies, self._hardware.crc_errors
         _PACKED.pack_into(self._numbers, 0, cycle, time_ns, misses, stale, refused, limited, work_ns, late_ns, flags)

@@ -32,6 +32,7 @@ _REASONS = {
     "refused_by_limits": "the daemon's limits refused the motion",
     "drive_fault": "a drive failed",
     "diverged": "the robot left its command",
+    "stale_state": "a joint was not measured for too long",
     "cancelled": "it was cancelled",
 }
 _LISTEN_S = 0.5

@@ -21,7 +21,7 @@ from hal.device import MEASURED, DeviceCommand, DeviceState
 from hal.drives.lifecycle import CONTROLWORD, STATE_OF_STATUSWORD, Command, State, controlword_towards
 from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import ParameterReply
-from hal.joint import JointCommand, JointState
+from hal.joint import JointCommand, JointState, Mode
 from hal.punctuality import Punctuality
 from handrail.robot.description import RobotDescription
 
@@ -138,6 +138,15 @@ class Hardware:
         command.stiffness[:], command.damping[:] = stiffness, damping
         seen = self._protocol.quantise(command)
         return seen.stiffness.copy(), seen.damping.copy()
+
+    def largest_command(self) -> JointCommand:
+        """The largest set-points that the drives can be told (velocity, torque, stiffness, damping): more saturates there."""
+        command = JointCommand(len(self.state))
+        command.table[1:] = 1e100
+        command.mode[:] = Mode.IMPEDANCE
+        largest = JointCommand(len(self.state))
+        largest.copy_from(self._protocol.quantise(command))
+        return largest
 
     @property
     def drive_state(self) -> npt.NDArray[np.uint8]:

@@ -281,7 +281,7 @@ class ActionEvent(Message):
     cycle: int
     outcome: str = ""
     """ended: `done` (trajectory finished), the name of the end condition that tripped, `cancelled`, `stopped`, `owner_lost`,
-    `refused_by_limits`, `drive_fault`, `diverged`"""
+    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`"""
     detail: str = ""
     position: list[float] = []
     """rad, measured in that cycle"""
@@ -395,6 +395,40 @@ class HardwareStatus(Message):
     """Answer to GetHardware: drives in the order of RobotInfo.joints, then devices."""
 
     components: list[HardwareComponent]
+
+
+@_travels(priority=1, remote=True)
+class GetSafety(Message):
+    """Which safety rule holds the robot now, and which have tripped. Refused while no loop runs."""
+
+
+class SafetyRule(msgspec.Struct, kw_only=True):
+    """A safety rule that has tripped since the loop's start (docs/safety.md has all of them)."""
+
+    rule: str
+    """e.g. operator_stop, drive_fault, torque_rate"""
+    holds: bool
+    """it holds the robot now, or cuts its set-points in this cycle"""
+    times: int
+    """how often it has tripped; a limit that cuts in many cycles on end does so once"""
+    last_time_ns: int
+    """robot's clock"""
+    joint: str = ""
+    detail: str = ""
+    """of the last time, in words"""
+    does: str
+    recover: str
+
+
+class SafetyReport(Message):
+    """Answer to GetSafety."""
+
+    robot: str
+    time_ns: int
+    """robot's clock, now"""
+    state: Literal["stopped", "enabled", "enabling", "inactive"]
+    rules: list[SafetyRule]
+    """the strongest first"""
 
 
 @_travels(priority=1, remote=True)
@@ -599,12 +633,14 @@ GetRobot.Reply = RobotInfo
 GetStatus.Reply = DaemonStatus
 GetTiming.Reply = LoopTiming
 GetHardware.Reply = HardwareStatus
+GetSafety.Reply = SafetyReport
 
 DaemonCall = (
     GetRobot
     | GetStatus
     | GetTiming
     | GetHardware
+    | GetSafety
     | Enable
     | Disable
     | Stop
@@ -955,6 +991,7 @@ Answer = (
     | DaemonStatus
     | LoopTiming
     | HardwareStatus
+    | SafetyReport
     | InstanceState
     | Instances
     | PlanPreview

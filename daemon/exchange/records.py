@@ -55,6 +55,8 @@ class Outcome(enum.IntEnum):
     DIVERGED = 7
     CONDITION = 8
     """`condition` is the index in StartAction.ends"""
+    STALE_STATE = 9
+    """a joint that it moves has not been measured for `value` cycles"""
 
 
 class Kind(enum.IntEnum):
@@ -105,10 +107,51 @@ class Answer(enum.IntEnum):
     """the drive of `answer_joint` does not say which version of its protocol it speaks"""
 
 
+class Rule(enum.IntEnum):
+    """The safety rules, the strongest first: rows of the snapshot's `safety`. daemon.safety.table says them for people."""
+
+    OPERATOR_STOP = 0
+    NO_COMMAND = 1
+    """no set-point of `joint` could be written, not even to hold it"""
+    PROTOCOL = 2
+    """the drive of `joint` speaks another version of its protocol"""
+    DRIVE_FAULT = 3
+    """the drive of `joint` left operation enabled, or is silent; −1: the drives did not come to operation in time"""
+    NOT_FINITE = 4
+    """a controller's set-point of `joint` was no finite number"""
+    HELD_BACK = 5
+    """the limits held `joint` back by `value` rad"""
+    STALE = 6
+    """the state of `joint` was `value` cycles old"""
+    DIVERGED = 7
+    """`joint` was `value` rad from its command"""
+    OWNER_LOST = 8
+    EXPIRED = 9
+    """a command came `value` s after it expired"""
+    POSITION = 10
+    """these cut set-points, and nothing else: `value` was asked for, `limit` allowed"""
+    VELOCITY = 11
+    TORQUE = 12
+    TORQUE_RATE = 13
+    GAIN = 14
+
+
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this joint."""
 
 _END = np.dtype([("kind", "u1"), ("has_axis", "u1"), ("frame", "i2"), ("value", "f8"), ("axis", "f8", 3)], align=True)
+
+SAFETY = np.dtype(
+    [
+        ("holds", "u1"),  # the rule holds the robot (or cuts its command) now
+        ("joint", "i2"),  # the joint that it was about when it tripped last, -1: none
+        ("times", "i8"),  # that it has tripped, since the loop's start
+        ("time_ns", "i8"),  # robot's clock, when it tripped last
+        ("value", "f8"),
+        ("limit", "f8"),
+    ],
+    align=True,
+)
 
 COMMAND = np.dtype(
     [
@@ -195,6 +238,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("claims", "u1", n),  # index into CONTROLLERS
             ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8
+            ("safety", SAFETY, len(Rule)),
             ("holds", "u4", MAX_HOLDS),  # owners that hold simulated time, 0: none
             ("answered", "u8"),  # serial of the last command handled
             ("answer", "u1"),

@@ -94,6 +94,7 @@ QtObject {
             done: qsTr("done"), cancelled: qsTr("cancelled"), stopped: qsTr("stopped"),
             owner_lost: qsTr("its owner is gone"), refused_by_limits: qsTr("refused by the limits"),
             drive_fault: qsTr("drive fault"), diverged: qsTr("did not follow its command"),
+            stale_state: qsTr("a joint was not measured"),
         })[name] || Words.name(name)
     }
 

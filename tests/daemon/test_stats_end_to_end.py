@@ -1,4 +1,4 @@
-"""`handrail daemon stats` and `handrail hardware status` against a robot that is up, and where none is."""
+"""`handrail daemon stats`, `hardware status` and `safety explain` against a robot that is up, and where none is."""
 
 import msgspec
 import pytest
@@ -51,6 +51,9 @@ def test_the_commands_tell_of_the_running_robot_and_name_what_is_wrong(robot, ha
         assert int(parts[joint]["age"]) <= 2
         assert float(parts[joint]["°C"]) > 10.0
     assert parts["supply"]["life"] == "active"
+    free = run(cli.safety, "explain")
+    assert free.exit_code == 0, free.output
+    assert "no safety rule holds it" in free.stdout
     robot.daemon.call(m.SwitchRelay(power="supply", closed=False, force=True))
     robot.plant.wait_state(JOINTS, "fault")
     robot.daemon.wait_status(lambda status: all(d.state == "fault" for d in status.drives), "the faults are told")
@@ -60,9 +63,16 @@ def test_the_commands_tell_of_the_running_robot_and_name_what_is_wrong(robot, ha
     assert {parts[joint]["life"] for joint in JOINTS} == {"inactive"}
     assert {parts[joint]["error"] for joint in JOINTS} == {str(int(DriveError.UNDERVOLTAGE))}
     assert "elbow_joint: fault: undervoltage" in ill.output
+    why = run(cli.safety, "explain")
+    assert why.exit_code == 1
+    assert "is inactive, held by drive_fault (the drive of shoulder_joint: fault: undervoltage)" in why.stdout
+    told = msgspec.json.decode(run(cli.safety, "explain", "--json").stdout, type=m.SafetyReport)
+    assert [rule.rule for rule in told.rules if rule.holds] == ["drive_fault"]
 
 
-@pytest.mark.parametrize(("app", "words"), [(cli.daemon, ["stats"]), (cli.hardware, ["status"])])
+@pytest.mark.parametrize(
+    ("app", "words"), [(cli.daemon, ["stats"]), (cli.hardware, ["status"]), (cli.safety, ["explain"])]
+)
 def test_the_commands_say_in_a_line_that_no_robot_is_up_and_what_to_do(tmp_path, app, words):
     nobody = CliRunner().invoke(app, [*words, "--runtime", str(tmp_path)])
     assert nobody.exit_code == 1

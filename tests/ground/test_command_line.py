@@ -6,7 +6,21 @@ from importlib.metadata import entry_points
 
 import pytest
 
-VERBS = ["up", "stop", "demo", "tablet", "can", "daemon", "hardware", "drives", "program", "robot", "bench", "campaign"]
+VERBS = [
+    "up",
+    "stop",
+    "demo",
+    "tablet",
+    "can",
+    "daemon",
+    "hardware",
+    "safety",
+    "drives",
+    "program",
+    "robot",
+    "bench",
+    "campaign",
+]
 
 
 def handrail(*words: str) -> subprocess.CompletedProcess[str]:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from daemon.actions import DIVERGED
 from daemon.exchange import SLOTS, ActionState, Answer, Kind, Outcome
+from daemon.safety.rules import DIVERGED
 from handrail.messages import (
     ContactEnd,
     DivergenceEnd,

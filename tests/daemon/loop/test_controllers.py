@@ -164,7 +164,7 @@ def test_cartesian_impedance_brings_the_tool_to_its_goal_and_holds_it(bench, tal
     tip = talos_kinematics.frame(bench.drives.state.position, TIP)
     assert tip.translation == pytest.approx(goal.translation, abs=4e-3)
     assert np.linalg.norm(pin.log3(tip.rotation.T @ goal.rotation)) < 0.02
-    assert bench.loop.limited == 0
+    assert bench.loop.last_word.limited == 0
 
 
 def test_cartesian_impedance_gives_way_like_its_spring(bench, talos_kinematics) -> None:

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.safety.limits import Limits, effective_torque, enforce, first_not_finite
-from hal.joint import JointCommand, JointState
+from daemon.safety.limits import Cut, Limits, effective_torque
+from daemon.safety.limits import enforce as enforced
+from hal.joint import JointCommand, JointState, Mode
 
 LIMITS = Limits(
     lower=np.array([-1.0, -2.0]),
@@ -20,8 +21,17 @@ LIMITS = Limits(
 )
 
 
+def enforce(wanted: JointCommand, previous: JointCommand, state: JointState, limits: Limits) -> Cut:
+    """In place."""
+    out = JointCommand(len(wanted))
+    cut = enforced(out, wanted, previous, state, limits)
+    wanted.copy_from(out)
+    return cut
+
+
 def command(**rows: list[float]) -> JointCommand:
     made = JointCommand(2)
+    made.mode[:] = Mode.IMPEDANCE
     for name, values in rows.items():
         getattr(made, name)[:] = values
     return made
@@ -33,14 +43,14 @@ def test_a_command_within_the_limits_is_left_alone() -> None:
     before, state = command(), JointState(2)
     before.copy_from(wanted)
     state.position[:] = [0.09, 0.19]
-    assert enforce(wanted, previous, state, LIMITS) == 0
+    assert enforce(wanted, previous, state, LIMITS).changed == 0
     for name in ("position", "velocity", "torque", "stiffness", "damping"):
         assert np.array_equal(getattr(wanted, name), getattr(before, name))
 
 
 def test_a_position_step_becomes_a_motion_at_the_velocity_limit() -> None:
     wanted = command(position=[0.5, -0.5])
-    assert enforce(wanted, command(), JointState(2), LIMITS) == 2
+    assert enforce(wanted, command(), JointState(2), LIMITS).changed == 2
     assert wanted.position == pytest.approx([0.004, -0.002])
 
 
@@ -57,39 +67,68 @@ def test_a_stiffness_that_would_jerk_a_deflected_joint_is_balanced_by_torque() -
     state = JointState(2)
     state.position[:] = [0.1, 0.0]
     previous, wanted = command(), command(stiffness=[1000.0, 0.0])
-    assert enforce(wanted, previous, state, LIMITS) == 1
+    assert enforce(wanted, previous, state, LIMITS).changed == 1
     assert effective_torque(wanted, state.position, state.velocity)[0] == pytest.approx(-2.0)
 
 
-@given(st.lists(st.floats(-1e3, 1e3), min_size=24, max_size=24))
-@settings(max_examples=200, deadline=None)
-def test_whatever_is_asked_no_limit_is_passed(numbers: list[float]) -> None:
-    values = np.array(numbers).reshape(12, 2)
-    state = JointState(2)
-    state.position[:], state.velocity[:] = values[0] * 1e-3, values[1] * 1e-2
-    previous = command(position=values[2] * 1e-3, torque=np.clip(values[3], -LIMITS.torque, LIMITS.torque))
-    wanted = command(position=values[4], velocity=values[5], torque=values[6], stiffness=values[7], damping=values[8])
-    enforce(wanted, previous, state, LIMITS)
-    reach = LIMITS.velocity * LIMITS.period + 1e-9
-    assert np.all(wanted.position <= np.maximum(previous.position, state.position) + reach)
-    assert np.all(wanted.position >= np.minimum(previous.position, state.position) - reach)
-    assert np.all(wanted.position <= np.maximum(LIMITS.upper, previous.position))
-    assert np.all(wanted.position >= np.minimum(LIMITS.lower, previous.position))
-    assert np.all(np.abs(wanted.velocity) <= LIMITS.velocity)
-    assert np.all(wanted.stiffness >= 0)
-    assert np.all(wanted.damping >= 0)
-    torque = effective_torque(wanted, state.position, state.velocity)
-    assert np.all(np.abs(torque) <= LIMITS.torque + 1e-6)
-    assert np.all(np.abs(torque - previous.torque) <= LIMITS.torque_step + 1e-6)
+ANYTHING = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-3.0, 3.0)
+
+
+@given(
+    wanted=st.lists(ANYTHING, min_size=10, max_size=10),
+    modes=st.lists(st.integers(0, 255) | st.sampled_from(list(Mode)), min_size=2, max_size=2),
+    measured=st.lists(ANYTHING | st.floats(-1.0, 1.0), min_size=4, max_size=4),
+    cycles=st.integers(1, 3),
+)
+@settings(max_examples=300, deadline=None)
+def test_whatever_is_asked_and_measured_no_limit_is_passed(
+    wanted: list[float], modes: list[int], measured: list[float], cycles: int
+) -> None:
+    largest = command(torque=[60.0, 10.0], stiffness=[1e4, 1e4], damping=[1e3, 1e3])
+    limits, state = dataclasses.replace(LIMITS, largest=largest), JointState(2)
+    state.table[:2] = np.array(measured).reshape(2, 2)
+    asked, previous = JointCommand(2), command(position=[0.9, -1.9], stiffness=[500.0, 60.0], damping=[20.0, 1.0])
+    asked.table[...], asked.mode[:] = np.array(wanted).reshape(5, 2), modes
+    for _ in range(cycles):  # what was written becomes what was written before
+        out = JointCommand(2)
+        if enforced(out, asked, previous, state, limits).changed < 0:
+            return
+        assert np.isfinite(out.table).all()
+        reach = limits.velocity * limits.period * (1 + 1e-6)
+        assert np.all(out.position <= np.maximum(previous.position, state.position) + reach)
+        assert np.all(out.position >= np.minimum(previous.position, state.position) - reach)
+        assert np.all(out.position <= np.maximum(limits.upper, previous.position))
+        assert np.all(out.position >= np.minimum(limits.lower, previous.position))
+        assert np.all(np.abs(out.velocity) <= limits.velocity)
+        for gains, most in ((out.stiffness, largest.stiffness), (out.damping, largest.damping)):
+            assert np.all((gains >= 0) & (gains <= most))
+        assert np.all(np.abs(out.torque) <= largest.torque)
+        torque, before = (drive_torque(one, state) for one in (out, previous))
+        assert np.all(np.abs(torque) <= limits.torque + 1e-6)
+        within = np.abs(before) <= limits.torque
+        assert np.all((np.abs(torque - before) <= limits.torque_step + 1e-6) | ~within)
+        previous = out
+
+
+def drive_torque(command: JointCommand, state: JointState) -> np.ndarray:
+    """What a drive makes of set-points, in whatever mode (hal.joint.Mode)."""
+    torque = effective_torque(command, state.position, state.velocity)
+    damped = -command.damping * state.velocity
+    torque = np.where(command.mode == Mode.TORQUE, command.torque, torque)
+    return np.where(command.mode == Mode.DAMPING, damped, torque)
 
 
 @pytest.mark.parametrize("row", ["position", "velocity", "torque", "stiffness", "damping"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_set_point_that_is_no_number_is_found(row: str, value: float) -> None:
-    bad = command()
-    assert first_not_finite(bad) == -1
+    good, bad, state = command(), command(), JointState(2)
+    assert enforce(command(), good, state, LIMITS).changed == 0
     getattr(bad, row)[1] = value
-    assert first_not_finite(bad) == 1
+    assert enforced(JointCommand(2), bad, good, state, LIMITS) == (-1, 0, 1)
+    assert enforced(JointCommand(2), good, bad, state, LIMITS) == (-1, 0, 1), "nor one before which there was none"
+    if row in ("position", "velocity"):
+        getattr(state, row)[0] = value
+        assert enforced(JointCommand(2), command(stiffness=[1, 1], damping=[1, 1]), good, state, LIMITS).joint == 0
 
 
 def test_a_robots_limits_come_from_its_description(talos) -> None:  # type: ignore[no-untyped-def]

@@ -64,8 +64,8 @@ def rated_jump(bench) -> float:
 @pytest.fixture
 def free_bench(bench):
     """Enabled, with the torque rate limiter off, so that it can't hide a bump."""
-    limits = bench.loop.limits
-    bench.loop.limits = dataclasses.replace(limits, torque_step=np.full_like(limits.torque_step, np.inf))
+    limits = bench.loop.last_word.limits
+    bench.loop.last_word.limits = dataclasses.replace(limits, torque_step=np.full_like(limits.torque_step, np.inf))
     bench.enable()
     return bench
 

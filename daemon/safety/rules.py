@@ -1,0 +1,69 @@
+"""Rules about the joints that an action moves: pure functions of what was commanded and what was measured."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.exchange import Rule
+from hal.drives.rows import joint_state
+from hal.joint import JointState
+
+Array = NDArray[np.float64]
+
+DIVERGED = 0.5
+"""rad between a joint and its command at which any action ends, whatever its conditions say"""
+STALE = 20
+"""cycles without a new measurement after which no action goes on: when drives stop by themselves that hear as little as they say"""
+
+
+class Followed(NamedTuple):
+    """How well some joints follow their commands, as far as is known."""
+
+    farthest: int
+    """row of the joint that is farthest from its command"""
+    off: float
+    """rad"""
+    oldest: int
+    """row of the joint that has not been measured for longest"""
+    age: int
+    """cycles"""
+
+
+class Trip(NamedTuple):
+    """A rule that says no."""
+
+    rule: Rule
+    joint: int
+    value: float
+    limit: float
+
+
+def followed(joints: NDArray[np.int64], commanded: Array, state: JointState) -> Followed:
+    """Of `joints` (rows, one or more): who is farthest from its command, who was measured longest ago. `commanded`: (n,) rad."""
+    return Followed(*_followed(joints, commanded, state.memory))
+
+
+def unsafe(seen: Followed) -> Trip | None:
+    """The rule by which an action on these joints must end in this cycle; None: it may go on."""
+    if seen.age > STALE:
+        return Trip(Rule.STALE, seen.oldest, float(seen.age), float(STALE))
+    if not seen.off <= DIVERGED:
+        return Trip(Rule.DIVERGED, seen.farthest, seen.off, DIVERGED)
+    return None
+
+
+@numba.njit(cache=True)
+def _followed(joints, commanded, memory):  # type: ignore[no-untyped-def]
+    table, times, _, _ = joint_state(memory, commanded.shape[0])
+    farthest, most, oldest, age = joints[0], -1.0, joints[0], np.int64(-1)
+    for j in joints:
+        off = abs(table[0, j] - commanded[j])
+        if not off <= most:  # NaN, too
+            farthest, most = j, off
+        if times[0, j] > age:
+            oldest, age = j, times[0, j]
+    return farthest, most, oldest, age

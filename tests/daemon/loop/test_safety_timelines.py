@@ -1,0 +1,328 @@
+"""Each row of docs/safety.md as a timeline: what happens to a robot in the loop, what the rule does, how the robot recovers."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon import cli
+from daemon.drive_reports import drive_problems
+from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
+from daemon.safety.report import safety_report
+from daemon.safety.rules import DIVERGED, STALE, Followed, followed, unsafe
+from daemon.safety.table import TABLE, markdown
+from hal.drives.lifecycle import State
+from hal.hardware import LOST_AFTER
+from hal.joint import JointState
+from handrail.messages import SafetyRule
+
+JOINT, OTHER = "arm_right_1_joint", "arm_left_2_joint"
+
+
+def tripped(bench: Any, rule: Rule) -> np.void:
+    return bench.snapshot()["safety"][rule]
+
+
+def others(bench: Any, row: int) -> np.ndarray:
+    return np.arange(len(bench.drives.life)) != row
+
+
+def tell_stop_socket(bench: Any, text: bytes) -> None:
+    sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    sender.sendto(text, str(bench.runtime.stop))
+    sender.close()
+
+
+def held(bench: Any) -> np.ndarray:
+    """The robot is held at what was written last; that."""
+    assert bench.snapshot()["flags"] == Flag.ENABLED
+    where = bench.snapshot()["command"][0].copy()
+    bench.run(20)
+    assert np.abs(bench.snapshot()["command"][0] - where).max() < 1e-9
+    return where
+
+
+def operator_stop(bench: Any) -> None:
+    bench.start(bench.move(JOINT, 0.3))
+    bench.run(30)
+    tell_stop_socket(bench, b"STOP too close")
+    bench.run(2)
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+    assert tripped(bench, Rule.OPERATOR_STOP)["holds"]
+    tell_stop_socket(bench, b"CLEAR")
+    bench.run(2)
+    assert not tripped(bench, Rule.OPERATOR_STOP)["holds"]
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all(), "clearing moves nothing"
+    bench.enable()
+
+
+def no_command(bench: Any) -> None:
+    hold = bench.loop.manager.active[0]
+    hold.update = lambda robot, out: out.position.__setitem__(hold.joints, np.nan)
+    bench.run(2)
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+    assert tripped(bench, Rule.NO_COMMAND)["holds"]
+    bench.enable()
+    assert not tripped(bench, Rule.NO_COMMAND)["holds"]
+
+
+def protocol(bench: Any) -> None:
+    bench.drives.silent[4] = True  # a drive is exchanged for one that speaks another version
+    bench.run(LOST_AFTER + 5)
+    bench.drives.silent[4], bench.drives.protocol_version[4] = False, 99
+    bench.run(100)
+    from daemon.exchange import Kind
+
+    assert bench.ask(Kind.ENABLE) is Answer.PROTOCOL_MISMATCH
+    bench.loop.hardware.protocol_version[4] = bench.loop.hardware.expected_protocol_version(4)
+    bench.drives.protocol_version[4] = bench.loop.hardware.expected_protocol_version(4)
+    bench.loop.hardware._look_at_identities()
+    bench.enable()
+    bench.loop.hardware.protocol_version[4] = 99.0  # and says so while it is in operation
+    bench.loop.hardware._look_at_identities()
+    bench.run(2)
+    assert tripped(bench, Rule.PROTOCOL)["holds"]
+    assert tripped(bench, Rule.PROTOCOL)["joint"] == 4
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+
+
+def drive_fault(bench: Any) -> None:
+    row = bench.index(OTHER)
+    bench.start(bench.move(JOINT, 0.3))
+    bench.run(10)
+    bench.drives.life[row] = State.FAULT
+    bench.run(3)
+    assert (bench.drives.life[others(bench, row)] == State.QUICK_STOP_ACTIVE).all()
+    assert tripped(bench, Rule.DRIVE_FAULT)["holds"]
+    assert tripped(bench, Rule.DRIVE_FAULT)["joint"] == row
+    bench.enable()
+    assert not tripped(bench, Rule.DRIVE_FAULT)["holds"]
+    held(bench)
+
+
+def not_finite(bench: Any) -> None:
+    bench.start(bench.move(JOINT, 0.3))
+    bench.run(50)
+    controller = bench.loop.actions.running()[0].controller
+    controller.update = lambda robot, out: out.torque.__setitem__(controller.joints, np.nan)
+    before = bench.loop.written.position.copy()
+    bench.run()
+    assert bench.action() == (ActionState.ENDED, Outcome.REFUSED_BY_LIMITS)
+    assert tripped(bench, Rule.NOT_FINITE)["joint"] == bench.index(JOINT)
+    assert np.abs(held(bench) - before).max() < 0.01
+    assert bench.start(bench.move(JOINT, 0.1)) is Answer.ACCEPTED
+
+
+def held_back(bench: Any) -> None:
+    bench.start(bench.move(JOINT, 0.3))
+    bench.run(20)
+    controller = bench.loop.actions.running()[0].controller
+    controller.update = lambda robot, out: out.position.__setitem__(controller.joints, 0.5)
+    before = bench.loop.written.position.copy()
+    bench.run()
+    assert bench.action() == (ActionState.ENDED, Outcome.REFUSED_BY_LIMITS)
+    row = tripped(bench, Rule.HELD_BACK)
+    assert row["value"] > row["limit"] > 0
+    assert tripped(bench, Rule.VELOCITY)["times"] == 1
+    bench.run(2)
+    assert not tripped(bench, Rule.VELOCITY)["holds"]
+    assert np.abs(held(bench) - before).max() < 0.02
+
+
+def stale(bench: Any) -> None:
+    row = bench.index(JOINT)
+    bench.start(bench.move(JOINT, 0.5, 2.0))
+    bench.run(30)
+    bench.drives.silent[row] = True
+    bench.run(STALE - 1)
+    assert bench.action()[0] is ActionState.RUNNING, "a few lost replies are none"
+    bench.run(4)
+    assert bench.action() == (ActionState.ENDED, Outcome.STALE_STATE)
+    assert tripped(bench, Rule.STALE)["joint"] == row
+    held(bench)
+    bench.drives.silent[row] = False
+    bench.run(3)
+    assert bench.start(bench.move(JOINT, 0.1)) is Answer.ACCEPTED
+
+
+def diverged(bench: Any) -> None:
+    row = bench.index(JOINT)
+    bench.start(bench.move(JOINT, 0.1, 2.0))
+    bench.drives.external_torque[row] = -3000.0
+    for _ in range(200):
+        if bench.run()["actions"][0]["state"] == ActionState.ENDED:
+            break
+    assert bench.action() == (ActionState.ENDED, Outcome.DIVERGED)
+    assert tripped(bench, Rule.DIVERGED)["joint"] == row
+    assert tripped(bench, Rule.DIVERGED)["value"] > DIVERGED
+    bench.drives.external_torque[row] = 0.0
+
+
+def owner_lost(bench: Any) -> None:
+    from daemon.exchange import Kind
+
+    bench.start(bench.move(JOINT, 0.5, 5.0), owner=7)
+    bench.run(100)
+    bench.ask(Kind.LOSE_OWNER, owner=7)
+    bench.run(300)
+    assert bench.action() == (ActionState.ENDED, Outcome.OWNER_LOST)
+    assert tripped(bench, Rule.OWNER_LOST)["times"] == 1
+    held(bench)
+
+
+def expired(bench: Any) -> None:
+    now = int(bench.snapshot()["time_ns"])
+    late = bench.start(bench.move(JOINT, 0.1), expires_ns=now - 40_000_000)
+    assert late is Answer.EXPIRED
+    assert tripped(bench, Rule.EXPIRED)["value"] == pytest.approx(0.04, abs=0.01)
+    held(bench)
+    in_time = bench.start(bench.move(JOINT, 0.1), expires_ns=int(bench.snapshot()["time_ns"]) + 40_000_000)
+    assert in_time is Answer.ACCEPTED
+
+
+def cut_by(rule: Rule, change: Callable[[Any, Any, int], None]) -> Callable[[Any], None]:
+    """A controller's set-points of one joint are changed for a few cycles, and then no more."""
+
+    def timeline(bench: Any) -> None:
+        row = bench.index(JOINT)
+        hold = bench.loop.manager.active[0]
+        right = hold.update
+
+        def wrong(robot: Any, out: Any) -> None:
+            right(robot, out)
+            change(bench, out, row)
+
+        hold.update = wrong
+        bench.run(4)
+        cut = tripped(bench, rule)
+        assert cut["times"] >= 1
+        assert cut["joint"] == row
+        assert bench.snapshot()["flags"] == Flag.ENABLED
+        _, upper, velocity, _, step = bench.loop.last_word.limits.table[:5, row]
+        for seen in bench.drives.seen[-4:]:
+            assert seen.position[row] <= upper + 1e-4
+            assert abs(seen.velocity[row]) <= velocity + 2e-3
+        assert np.abs(np.array(bench.drives.jumps[-3:])[:, row]).max() <= step + 0.2
+        hold.update = right
+        bench.run(60)
+        assert not tripped(bench, rule)["holds"]
+        held(bench)
+
+    return timeline
+
+
+def beyond_the_end(bench: Any, out: Any, row: int) -> None:
+    """Its end is right before it."""
+    limits = bench.loop.last_word.limits
+    limits.table[1, row] = bench.loop.written.position[row]
+    out.position[row] += 1e-3
+
+
+def too_fast(bench: Any, out: Any, row: int) -> None:
+    out.velocity[row] = 10.0
+
+
+def too_strong(bench: Any, out: Any, row: int) -> None:
+    bench.loop.last_word.limits.table[4, row] = 1e3  # or the rate would come first
+    out.torque[row] = 1e3
+
+
+def too_sudden(bench: Any, out: Any, row: int) -> None:
+    out.torque[row] += 15.0
+
+
+def too_stiff(bench: Any, out: Any, row: int) -> None:
+    out.stiffness[row] = 1e6
+
+
+TIMELINES: dict[Rule, Callable[[Any], None]] = {
+    Rule.OPERATOR_STOP: operator_stop,
+    Rule.NO_COMMAND: no_command,
+    Rule.PROTOCOL: protocol,
+    Rule.DRIVE_FAULT: drive_fault,
+    Rule.NOT_FINITE: not_finite,
+    Rule.HELD_BACK: held_back,
+    Rule.STALE: stale,
+    Rule.DIVERGED: diverged,
+    Rule.OWNER_LOST: owner_lost,
+    Rule.EXPIRED: expired,
+    Rule.POSITION: cut_by(Rule.POSITION, beyond_the_end),
+    Rule.VELOCITY: cut_by(Rule.VELOCITY, too_fast),
+    Rule.TORQUE: cut_by(Rule.TORQUE, too_strong),
+    Rule.TORQUE_RATE: cut_by(Rule.TORQUE_RATE, too_sudden),
+    Rule.GAIN: cut_by(Rule.GAIN, too_stiff),
+}
+
+
+@pytest.mark.parametrize("rule", list(Rule), ids=lambda rule: rule.name.lower())
+def test_each_rule_does_what_its_row_says(bench: Any, rule: Rule) -> None:
+    bench.enable()
+    assert not bench.snapshot()["safety"]["times"].any(), "nothing has tripped on a robot that is only held"
+    TIMELINES[rule](bench)
+    assert tripped(bench, rule)["times"] >= 1
+    assert 0 < tripped(bench, rule)["time_ns"] <= bench.snapshot()["time_ns"]
+
+
+def test_the_page_has_the_table_that_the_daemon_tells() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "safety.md").read_text()
+    assert page.split("<!-- rules -->\n")[1].split("\n<!-- /rules -->")[0] == markdown()
+    assert set(TABLE) == set(Rule)
+
+
+def explained(bench: Any) -> tuple[list[SafetyRule], str]:
+    snapshot = bench.snapshot()
+    told = safety_report(snapshot, bench.description, drive_problems(snapshot, bench.description))
+    return told.rules, "\n".join(cli._explained(told))
+
+
+def test_the_explanation_names_the_rule_that_holds_the_robot_and_how_to_recover(bench: Any) -> None:
+    bench.run(3)
+    assert explained(bench)[1].startswith("talos_upper is inactive: no safety rule holds it")
+    bench.enable()
+    assert explained(bench) == ([], "talos_upper is enabled: no safety rule holds it")
+    bench.drives.life[bench.index(OTHER)] = State.FAULT
+    bench.run(500)
+    (rule,), text = explained(bench)
+    assert (rule.rule, rule.holds, rule.joint) == ("drive_fault", True, OTHER)
+    assert f"held by drive_fault (the drive of {OTHER}: fault: " in text
+    assert "1.0 s ago" in text
+    assert "recover  remove the cause" in text
+    bench.enable()
+    tell_stop_socket(bench, b"STOP too close")
+    bench.run(2)
+    rules, text = explained(bench)
+    assert [rule.rule for rule in rules] == ["operator_stop", "drive_fault"]
+    assert "talos_upper is stopped, held by operator_stop (too close)" in text
+    assert "tripped before" in text
+
+
+def state_at(position: float, age: int) -> JointState:
+    state = JointState(3)
+    state.position[:], state.age[:] = [0.0, position, 9.0], [0, age, 99]
+    return state
+
+
+@pytest.mark.parametrize(
+    ("position", "age", "rule"),
+    [
+        (0.0, 0, None),
+        (DIVERGED - 1e-6, STALE, None),
+        (DIVERGED + 1e-6, 0, Rule.DIVERGED),
+        (-2.0, 0, Rule.DIVERGED),
+        (np.nan, 0, Rule.DIVERGED),
+        (0.0, STALE + 1, Rule.STALE),
+        (9.0, STALE + 1, Rule.STALE),
+    ],
+)
+def test_an_action_is_judged_by_its_own_joints_state(position: float, age: int, rule: Rule | None) -> None:
+    seen = followed(np.array([0, 1]), np.zeros(3), state_at(position, age))
+    trip = unsafe(seen)
+    assert (trip and trip.rule) == rule
+    if trip is not None:
+        assert trip.joint == 1
+    assert unsafe(Followed(0, 0.0, 0, 0)) is None

@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 WARM := $(VENV)/.warm
-KERNELS := $(shell grep -rl --include='*.py' njit hal daemon engines)
+KERNELS := handrail/compiled.py $(shell grep -rlE --include='*.py' '^@(compiled|njit)' hal daemon engines)
 ARGS ?=
 
 .PHONY: demo test soak setup lint format lock clean help
@@ -37,7 +37,7 @@ $(STAMP): requirements.lock pyproject.toml tools/setup.sh
 	PYTHON=$(PYTHON) VENV=$(VENV) bash tools/setup.sh
 	touch $@
 
-# Numba's cache does not see when a kernel that another one calls has changed: compile all anew when any has.
+# For a quick first start only: kernels that changed are compiled anew by whoever needs them first (handrail/compiled.py).
 $(WARM): $(STAMP) $(KERNELS) tools/warm_up.py
 	$(BIN)/python tools/warm_up.py
 	touch $@

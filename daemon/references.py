@@ -6,11 +6,12 @@ along its path instead of leaving it (ruckig, velocity interface, one degree of 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, OutputParameter, Ruckig
+
+from handrail.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ class HermitePath:
         self._at = _hermite(s, self._at, self._knots, position, velocity)
 
 
-@numba.njit(cache=True)
+@compiled
 def _hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
     last, m = knots.shape[0] - 1, position.shape[0]
     if s >= knots[last, 0]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from hal.joint import JointCommand, JointState
+from handrail.compiled import compiled
 from handrail.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -136,7 +136,7 @@ class RobotState:
         return pin.computeFrameJacobian(self._model, self._measured, self._q, frame, pin.LOCAL_WORLD_ALIGNED)
 
 
-@numba.njit(cache=True)
+@compiled
 def _follow_force(force, gain, jacobian, bias, rows, torque, squared_weight):  # type: ignore[no-untyped-def]
     """Move `force` (3,) by `gain` towards argmin over F of Σ_j (w_j (Jᵀ F − bias + torque)_j)² + (noise |F| / largest)².
 

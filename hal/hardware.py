@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can import frames
 from hal.can.port import Port
@@ -23,6 +22,7 @@ from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import ParameterReply
 from hal.joint import JointCommand, JointState, Mode
 from hal.punctuality import Punctuality
+from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 
 LOST_AFTER = 50
@@ -346,13 +346,13 @@ def _first(rows: npt.NDArray[np.bool_]) -> int:
 # Few arguments, whole memories (hal.joint, hal.device): in every cycle, handing over an array costs as much as these loops.
 
 
-@njit(cache=True)
+@compiled
 def _grow_older(joints, n, devices, d, cycles):  # type: ignore[no-untyped-def]
     joints[4 * n : 5 * n] += cycles
     devices[MEASURED * d : MEASURED * d + d] += cycles
 
 
-@njit(cache=True)
+@compiled
 def _survey(joints, drive_state):  # type: ignore[no-untyped-def]
     """Fill `drive_state`; (drives whose reply is late but not yet lost, first lost, first silent), −1: none."""
     stale, lost, silent, n = 0, -1, -1, drive_state.shape[0]

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from handrail.compiled import compiled
 
 SETTLES_AFTER = 50
 """cycles in which a channel's promptest drive is as late each time, after which that is how the channel works"""
@@ -42,7 +43,7 @@ class Punctuality:
         return int(_late(age, self._channel, self._usual, self._lost_after))
 
 
-@njit(cache=True)
+@compiled
 def _late(age, channel, usual, lost_after):  # type: ignore[no-untyped-def]
     """`usual`: rows of what is usual, what the promptest drive was last, for how many cycles, and what it is now."""
     now = usual[3]

@@ -1,7 +1,7 @@
 """Compiles every numba kernel into its cache, so that the first start of a robot is as quick as the second.
 
-Run by `make setup`, and again whenever a file with kernels changed: numba's cache looks at the changed function's own file only, so
-a stale caller would stay; all caches are deleted first.
+Run by `make setup`, and again whenever a file with kernels changed: only what changed is compiled. What is stored of functions that
+are no more is deleted.
 """
 
 from __future__ import annotations
@@ -16,14 +16,21 @@ ROOT, ROBOT = Path(__file__).resolve().parent.parent, "talos_upper"
 
 
 def main() -> None:
-    for package in ("hal", "daemon", "engines"):
-        for stale in (ROOT / package).rglob("*.nb[ic]"):
-            stale.unlink()
-
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
         for part in [processes.submit(compile_part) for compile_part in (_robot, _whole_body, _planner)]:
             part.result()
+    for package in ("hal", "daemon", "engines"):
+        delete_leftovers(ROOT / package)
     print("kernels compiled")
+
+
+def delete_leftovers(package: Path) -> None:
+    """What was compiled of functions that no source has any longer; of the others handrail.compiled keeps one version."""
+    for stored in package.rglob("__pycache__/*.nb[ic]"):
+        module, function, *_ = stored.name.split(".")
+        source = stored.parent.parent / f"{module}.py"
+        if not source.exists() or f"def {function}(" not in source.read_text():
+            stored.unlink()
 
 
 def _robot() -> None:

@@ -6,13 +6,13 @@ import functools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.references import PathClock
 from daemon.robot_state import RobotState
 from hal.joint import JointCommand, Mode
+from handrail.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Controller(ABC):
         _impedance(self.joints, position, velocity, robot.gravity, self.gains.table, out.table, out.mode)
 
 
-@numba.njit(cache=True)
+@compiled
 def _impedance(rows, position, velocity, gravity, gains, out, mode):  # type: ignore[no-untyped-def]
     for i in range(rows.shape[0]):
         j = rows[i]

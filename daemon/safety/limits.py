@@ -12,13 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.exchange import Rule
 from hal.drives.rows import joint_command
 from hal.joint import JointCommand, JointState, Mode
+from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ def cut_of(
 # Few arguments, whole memories: handing an array to a compiled kernel costs more than what this one does with a row.
 
 
-@numba.njit(cache=True)
+@compiled
 def _enforce(out, wanted, previous, measured, limits, dt):  # type: ignore[no-untyped-def]
     n, qm, vm = limits.shape[1], measured[0], measured[1]
     command, mode = joint_command(out, n)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.exchange import Rule
 from hal.drives.rows import joint_state
 from hal.joint import JointState
+from handrail.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def unsafe(seen: Followed) -> Trip | None:
     return None
 
 
-@numba.njit(cache=True)
+@compiled
 def _followed(joints, commanded, memory):  # type: ignore[no-untyped-def]
     table, times, _, _ = joint_state(memory, commanded.shape[0])
     farthest, most, oldest, age = joints[0], -1.0, joints[0], np.int64(-1)

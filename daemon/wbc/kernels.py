@@ -17,9 +17,9 @@ import numpy as np
 from numba import njit
 
 from daemon.wbc import layout as at
-from daemon.wbc.compiled import entry_point
 from daemon.wbc.memory import copy, fill, line, matrix, vector
 from daemon.wbc.rows import FAST, bounded_rows, force_rows, posture_accelerations, task_rows
+from handrail.compiled import compiled
 
 SINGULAR, SINGULAR_AT_BOUNDS = 5e-3, 1e-6
 """sin² of the angle below which a direction of a level is damped, as much at most; where bounds are active they keep a command from
@@ -825,7 +825,7 @@ def _prepare(table, plan, support, roots, levels, sizes):  # type: ignore[no-unt
     return at.SOLVED, fixed
 
 
-@entry_point(fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST, error_model="numpy")
 def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[no-untyped-def]
     """A whole cycle, from pinocchio's memory to q̈, torques and forces in `out`. Returns a layout.Status.
 
@@ -872,7 +872,7 @@ def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[n
     return at.SOLVED if _keeps(table, sizes, value, 10.0 * _ROUNDING) else at.SEARCHING
 
 
-@entry_point(fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST, error_model="numpy")
 def descend(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[no-untyped-def]
     """As `solve`, from a y in row 4 of `y` that keeps the bounds which stand there, as `solve` left them or somebody moved them."""
     fixed = sizes[at.FIXED]
@@ -881,7 +881,7 @@ def descend(table, plan, support, roots, levels, sizes, bounds):  # type: ignore
     return at.SOLVED if _keeps(table, sizes, line(table, at.VALUE, 0), 10.0 * _ROUNDING) else at.SEARCHING
 
 
-@entry_point(fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST, error_model="numpy")
 def all_bound_rows(table, plan, sizes, rows, about):  # type: ignore[no-untyped-def]
     """Rows of y of all bounds, of unit length; about (2, m): the constant beside row · x, the length it had."""
     low, scale = matrix(table, at.FACTOR), vector(table, at.FORCE_SCALES)

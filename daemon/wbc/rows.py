@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from daemon.wbc import layout as at
-from daemon.wbc.compiled import entry_point
 from daemon.wbc.memory import fill, line, matrix, vector
+from handrail.compiled import compiled
 
 FAST = {"contract", "reassoc", "arcp", "nsz"}
 """what the compiler may assume of floats: anything but that they are finite"""
@@ -451,7 +451,7 @@ def _transmission_rows(table, plan, k, rows, wanted, first):  # type: ignore[no-
     wanted[first] = task[at.KP] * task[at.ERROR] - task[at.KD] * (state[1, follower] - ratio * state[1, leader])
 
 
-@entry_point(fastmath=FAST, error_model="numpy")
+@compiled(fastmath=FAST, error_model="numpy")
 def task_rows(table, plan, support, roots, nv, n, k, rows, wanted, first):  # type: ignore[no-untyped-def]
     """The rows of task k (an equality's or a level's) into `rows`, `wanted` from `first` on."""
     kind = plan[k, at.KIND]

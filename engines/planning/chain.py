@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numba import njit
 from numpy.typing import NDArray
 
+from handrail.compiled import compiled
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
 
@@ -66,7 +66,7 @@ def chain_of(kinematics: Kinematics, arm: Arm) -> Chain:
     )
 
 
-@njit(cache=True)
+@compiled
 def tip_of(chain: Chain, q: Array, origins: Array, directions: Array, tip: Array, pointing: Array) -> None:
     """The tip's position `tip` (3,) m and `pointing` direction (3,) in the world at q (m,) rad, written in place.
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from engines.planning.chain import Chain, chain_of, tip_of
+from handrail.compiled import compiled
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
 
@@ -106,7 +106,7 @@ def starts(near: list[Array], lower: Array, upper: Array, count: int) -> Array:
     return np.vstack([*given, scattered])[:count]
 
 
-@njit(cache=True)
+@compiled
 def _solve_many(
     chain: Chain, starts: Array, positions: Array, axes: Array, posture: Array, weights: Array, lower: Array,
     upper: Array, iterations: int,
@@ -120,7 +120,7 @@ def _solve_many(
     return q, residual, tilt
 
 
-@njit(cache=True)
+@compiled
 def _solve(
     chain: Chain, q: Array, position: Array, axis: Array, posture: Array, weights: Array, lower: Array, upper: Array,
     iterations: int,
@@ -159,7 +159,7 @@ def _solve(
     return np.sqrt(left), np.arccos(min(1.0, max(-1.0, cosine)))
 
 
-@njit(cache=True)
+@compiled
 def _errors(tip: Array, pointing: Array, position: Array, axis: Array, error: Array, tilt: Array) -> None:
     """The tip's way to its target and the rotation to its axis (3,), cut to what a linear step is good for."""
     far, turn, cosine = 0.0, 0.0, 0.0
@@ -178,7 +178,7 @@ def _errors(tip: Array, pointing: Array, position: Array, axis: Array, error: Ar
             tilt[a] /= max(turn, 1e-6)
 
 
-@njit(cache=True)
+@compiled
 def _normal_equations(
     origins: Array, directions: Array, tip: Array, pointing: Array, error: Array, tilt: Array, hessian: Array,
     gradient: Array,
@@ -205,7 +205,7 @@ def _normal_equations(
             hessian[j, i] = total
 
 
-@njit(cache=True)
+@compiled
 def _bounded_step(hessian: Array, gradient: Array, q: Array, lower: Array, upper: Array, step: Array) -> None:
     """The Newton step of the joints that are not pushed into their bounds; the others stand still."""
     m = q.shape[0]

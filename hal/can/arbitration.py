@@ -8,23 +8,23 @@ equal identifiers the data frame over the remote request).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from hal.can.frames import EXTENDED, FD, REMOTE, WORDS
 from hal.can.tally import BUSY, FRAMES, FREE, count
 from hal.can.timing import frame_ns
+from handrail.compiled import compiled
 
 _BUS_SHIFT = np.uint64(48)
 _BYTE = np.uint64(0xFF)
 
 
-@njit(cache=True)
+@compiled
 def bus_of(words, row):
     """Bus index of a record."""
     return np.int64((words[WORDS * row + 1] >> _BUS_SHIFT) & _BYTE)
 
 
-@njit(cache=True)
+@compiled
 def arbitration_field(can_id, extended, remote):
     """The bits by which a frame competes, as a number: base identifier, IDE, the rest of the identifier, RTR. The lower wins."""
     if extended:
@@ -32,7 +32,7 @@ def arbitration_field(can_id, extended, remote):
     return can_id << 20 | remote
 
 
-@njit(cache=True)
+@compiled
 def priority(words, row):
     """Order on the bus: the lower wins."""
     head = words[WORDS * row + 1]
@@ -41,7 +41,7 @@ def priority(words, row):
     return arbitration_field(np.int64(head & np.uint64(0x1FFFFFFF)), (flags & EXTENDED) != 0, remote)
 
 
-@njit(cache=True)
+@compiled
 def admit(words, row, bus_map, out, to):
     """Copy record `row` to row `to` of `out` if it is a good one; returns whether it is.
 
@@ -72,7 +72,7 @@ def admit(words, row, bus_map, out, to):
     return True
 
 
-@njit(cache=True)
+@compiled
 def by_priority(words, n, order):
     """`order` ← rows 0..n−1, lowest identifier first, equal ones as they came (insertion sort: drives send nearly in order)."""
     for row in range(n):
@@ -83,7 +83,7 @@ def by_priority(words, n, order):
         order[i] = row
 
 
-@njit(cache=True)
+@compiled
 def arbitrate(words, node, n, now, bitrates, totals, identifiers, out, out_node, heads, following, buses):
     """Put n waiting frames onto their buses; `out` gets them in the order in which they end, time_ns set to that end.
 
@@ -128,7 +128,7 @@ def arbitrate(words, node, n, now, bitrates, totals, identifiers, out, out_node,
             end[first] += frame_ns(words, winner[first], bitrates[first, 0], bitrates[first, 1])
 
 
-@njit(cache=True)
+@compiled
 def _next(words, heads, bus, waiting):
     """The row that wins the bus next, −1: none. Of equal identifiers the node with the lower number's."""
     best, lowest, by = -1, np.int64(0), np.int64(0)
@@ -147,7 +147,7 @@ def _next(words, heads, bus, waiting):
     return best
 
 
-@njit(cache=True)
+@compiled
 def select(words, node, n, listener, bus_map, out):
     """Copy the records that a listener wants into `out`, the bus renumbered as the listener counts; returns how many.
 

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can.confinement import COLUMNS, recover
 from hal.can.frames import WORDS
 from hal.can.tally import FREE
+from handrail.compiled import compiled
 
 POOL = 32768
 """Frames that may be on their way at once."""
@@ -98,14 +98,14 @@ def make(
     )
 
 
-@njit(cache=True)
+@compiled
 def recessive(s, bus, now):
     """Runs of 11 recessive bits that the channel has had until `now`: one at each frame's end, and those of idle time."""
     idle = now - s.totals[bus, FREE] if s.wire[bus, ROW] < 0 else 0
     return s.wire[bus, RECESSIVE] + max(0, idle) * s.bitrates[bus, 0] // 11_000_000_000
 
 
-@njit(cache=True)
+@compiled
 def catch_up(s, bus, now):
     """Let time pass for the nodes that are bus-off on a channel."""
     recover(s.counters, bus, recessive(s, bus, now))

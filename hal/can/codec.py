@@ -18,9 +18,9 @@ import cantools
 import numpy as np
 import numpy.typing as npt
 from cantools.database.can import Database, Message, Signal
-from numba import njit
 
 from hal.can.frames import BRS, DATA, EXTENDED, FD, RECORD, WORDS
+from handrail.compiled import compiled
 
 START, LENGTH, KIND = 0, 1, 2
 """Columns of `MessageLayout.places`."""
@@ -161,7 +161,7 @@ def _signal(message: Message, signal: Signal) -> tuple[Any, Any]:
     return (start, signal.length, kind), (signal.scale, signal.offset, low, high)
 
 
-@njit(cache=True)
+@compiled
 def get_bits(words, first, start, length):
     """`length` (≤ 64) little-endian bits from bit `start` of the data that begins at words[first], as uint64."""
     word, shift = first + (start >> 6), start & 63
@@ -173,7 +173,7 @@ def get_bits(words, first, start, length):
     return raw
 
 
-@njit(cache=True)
+@compiled
 def put_bits(words, first, start, length, raw):
     """Set `length` (≤ 64) little-endian bits, zero before, to `raw` (uint64, no bits above)."""
     word, shift = first + (start >> 6), start & 63
@@ -182,7 +182,7 @@ def put_bits(words, first, start, length, raw):
         words[word + 1] |= raw >> np.uint64(64 - shift)
 
 
-@njit(cache=True)
+@compiled
 def get_big_endian(words, first, start, length):
     raw, left, position = np.uint64(0), length, start
     while left > 0:
@@ -195,7 +195,7 @@ def get_big_endian(words, first, start, length):
     return raw
 
 
-@njit(cache=True)
+@compiled
 def put_big_endian(words, first, start, length, raw):
     left, position = length, start
     while left > 0:
@@ -210,14 +210,14 @@ def put_big_endian(words, first, start, length, raw):
 # The kernels below take the table and a row of it, not the row: a slice costs reference counting.
 
 
-@njit(cache=True)
+@compiled
 def to_raw(value, scales, row):
     """The raw integer of a finite physical value, saturated, by a row of MessageLayout.scales."""
     raw = np.rint((value - scales[row, OFFSET]) / scales[row, SCALE])
     return np.int64(min(max(raw, scales[row, LOW]), scales[row, HIGH]))
 
 
-@njit(cache=True)
+@compiled
 def sign_extended(raw, places, row):
     """Raw bits (uint64) as the integer that they mean."""
     if places[row, KIND] & SIGNED:
@@ -226,7 +226,7 @@ def sign_extended(raw, places, row):
     return np.int64(raw)
 
 
-@njit(cache=True)
+@compiled
 def _encode(words, head, values, places, scales):
     """−1, or the flat index of the first value that is not finite."""
     for row in range(values.shape[0]):
@@ -254,7 +254,7 @@ def _encode(words, head, values, places, scales):
     return -1
 
 
-@njit(cache=True)
+@compiled
 def _decode(words, out, places, scales):
     for row in range(out.shape[0]):
         first = WORDS * row + DATA

@@ -8,7 +8,7 @@ hears, until it has seen 128 times 11 recessive bits.
 
 from __future__ import annotations
 
-from numba import njit
+from handrail.compiled import compiled
 
 TEC, REC, OFF, SEEN, OUTSIDE, RESUME = 0, 1, 2, 3, 4, 5
 """
@@ -29,19 +29,19 @@ ERROR_FRAME_BITS = 23
 SUSPEND_BITS = 8
 
 
-@njit(cache=True)
+@compiled
 def is_passive(counters, bus, node):
     """Error passive: it still takes part, but must not disturb."""
     return counters[bus, node, TEC] >= PASSIVE_FROM or counters[bus, node, REC] >= PASSIVE_FROM
 
 
-@njit(cache=True)
+@compiled
 def takes_part(counters, bus, node):
     """It can send, hear and acknowledge."""
     return counters[bus, node, OFF] == 0 and counters[bus, node, OUTSIDE] == 0
 
 
-@njit(cache=True)
+@compiled
 def count_success(counters, present, bus, sender):
     """A frame got through: 1 back for the sender and for everybody who received it (rules 7 and 8)."""
     if counters[bus, sender, TEC] > 0:
@@ -52,7 +52,7 @@ def count_success(counters, present, bus, sender):
             counters[bus, node, REC] = min(rec - 1, PASSIVE_FROM - 1)
 
 
-@njit(cache=True)
+@compiled
 def count_error(counters, present, bus, sender, seen):
     """A frame was destroyed: 8 for the sender, 1 for everybody who was receiving (rules 1 and 3). True: sender is bus-off.
 
@@ -68,7 +68,7 @@ def count_error(counters, present, bus, sender, seen):
     return True
 
 
-@njit(cache=True)
+@compiled
 def recover(counters, bus, seen):
     """Bring back the nodes that have been bus-off for long enough, with all counters zero."""
     for node in range(counters.shape[1]):

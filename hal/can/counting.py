@@ -6,20 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can.arbitration import bus_of
 from hal.can.frames import LOST, TICK, WORDS
 from hal.can.timing import frame_ns
 from hal.can.wire import ChannelInfo
 from hal.drives.borrowing import borrowed
+from handrail.compiled import compiled
 
 SENT, RECEIVED, BUSY_NS = 0, 1, 2
 """Columns of `Port.counters`."""
 _RATES, _COUNTERS = 2, 3
 
 
-@njit(cache=True)
+@compiled
 def count_frames(words, n, bitrates, column, counters):
     """Count n records into `counters` (channels, 3): one each in `column`, their time on the bus in `BUSY_NS`."""
     for row in range(n):
@@ -50,21 +50,21 @@ class Ledger:
         return left
 
 
-@njit(cache=True)
+@compiled
 def _tables(memory):  # type: ignore[no-untyped-def]
     """bitrates, counters"""
     c = len(memory) // (_RATES + _COUNTERS)
     return memory[: _RATES * c].reshape(c, _RATES), memory[_RATES * c :].reshape(c, _COUNTERS)
 
 
-@njit(cache=True)
+@compiled
 def _count_sent(words, n, memory):  # type: ignore[no-untyped-def]
     words = borrowed(words)
     bitrates, counters = borrowed(_tables(borrowed(memory)))
     count_frames(words, n, bitrates, SENT, counters)
 
 
-@njit(cache=True)
+@compiled
 def _take_in(words, n, memory):  # type: ignore[no-untyped-def]
     words = borrowed(words)
     bitrates, counters = borrowed(_tables(borrowed(memory)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from hal.can.arbitration import bus_of
 from hal.can.bus_state import (
     HEAD,
@@ -21,9 +19,10 @@ from hal.can.bus_state import (
 )
 from hal.can.confinement import OFF, OUTSIDE, SEEN
 from hal.can.frames import WORDS
+from handrail.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def put(s, words, node, marks, n, ready, room):
     """Queue n records at the time `ready` (ns); a FIFO takes `room` (c,) frames. What it does not take is counted."""
     for bus in range(s.queue.shape[0]):
@@ -47,7 +46,7 @@ def put(s, words, node, marks, n, ready, room):
         s.queue[bus, who, LENGTH] += 1
 
 
-@njit(cache=True)
+@compiled
 def trim(s, room):
     """Throw away what stands behind the first `room` frames of every FIFO: a full FIFO takes nothing more."""
     for bus in range(s.queue.shape[0]):
@@ -68,7 +67,7 @@ def trim(s, room):
             s.queue[bus, who, OVERFLOWS] += extra
 
 
-@njit(cache=True)
+@compiled
 def flush(s, bus, who):
     """Throw a node's FIFO away, and take what it is sending off the wire."""
     row = s.queue[bus, who, HEAD]
@@ -83,21 +82,21 @@ def flush(s, bus, who):
     s.queue[bus, who, LENGTH] = 0
 
 
-@njit(cache=True)
+@compiled
 def take_row(s):
     """A free row of the pool."""
     s.spare[POOL] -= 1
     return s.spare[s.spare[POOL]]
 
 
-@njit(cache=True)
+@compiled
 def give_row(s, row):
     """The row is free again."""
     s.spare[s.spare[POOL]] = row
     s.spare[POOL] += 1
 
 
-@njit(cache=True)
+@compiled
 def is_quiet(s):
     """Nothing on its way, and no node has an error on its account."""
     if s.spare[POOL] != POOL:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can import tally
 from hal.can.arbitration import admit, arbitrate, by_priority, select
@@ -16,6 +15,7 @@ from hal.can.frames import MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.tally import Tally
 from hal.can.wire import MAX_RECORDS
 from hal.drives.borrowing import borrowed
+from handrail.compiled import compiled
 
 CAPACITY = 8192
 """records that one batch takes"""
@@ -124,13 +124,13 @@ def _no_frame(n: int, good: int) -> ValueError:
     return ValueError(f"hub: {n - good} of {n} records are no CAN frames or name a channel that is not there")
 
 
-@njit(cache=True)
+@compiled
 def _sizes(channels, nodes):  # type: ignore[no-untyped-def]
     """Of the pages of a book: see `_pages`."""
     return MOST_NODES * MAX_CHANNELS, channels * nodes * 2, CAPACITY, CAPACITY, ROOM, 3 * channels
 
 
-@njit(cache=True)
+@compiled
 def _pages(book, channels):  # type: ignore[no-untyped-def]
     """inbound, then work space: heads, following, who sent each record that came and each that was carried, state of each bus."""
     nodes = book[_NODES]
@@ -150,7 +150,7 @@ def _pages(book, channels):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@compiled
 def _admit_all(words, senders, n, first, out, out_senders, inbound):  # type: ignore[no-untyped-def]
     """Copy the good ones of n records to `out`, senders' numbers counted from `first` on; returns how many."""
     good = 0
@@ -162,7 +162,7 @@ def _admit_all(words, senders, n, first, out, out_senders, inbound):  # type: ig
     return good
 
 
-@njit(cache=True)
+@compiled
 def _carry(words, senders, n, first, known, now, ticks, inbox, memory, book, out):  # type: ignore[no-untyped-def]
     """Admit n records and put them onto their buses; returns how many were good.
 

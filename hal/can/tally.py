@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can.frames import EXTENDED, WORDS
 from hal.can.timing import BusTiming
+from handrail.compiled import compiled
 
 FREE, FRAMES, BUSY, ERRORS = 0, 1, 2, 3
 """ns when the bus was last free · frames carried · ns in use · error frames"""
@@ -34,7 +34,7 @@ class Tally:
         self.bitrates[:] = [(channel.bitrate, channel.data_bitrate) for channel in channels]
 
 
-@njit(cache=True)
+@compiled
 def tables(memory):
     """bitrates, totals, identifiers: a Tally's memory laid out."""
     c = len(memory) // (_RATES + _TOTALS + _SLOTS * _COLUMNS)
@@ -46,7 +46,7 @@ def tables(memory):
     )
 
 
-@njit(cache=True)
+@compiled
 def count(words, row, bus, ns, frames, identifiers):
     """Add `frames` frames (0: an attempt that failed) that took `ns` to the identifier of record `row`."""
     head = words[WORDS * row + 1]

@@ -11,9 +11,9 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from hal.can.frames import BRS, DATA, ESI, EXTENDED, FD, REMOTE, WORDS
+from handrail.compiled import compiled
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ _DLC = np.searchsorted(np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 
 )
 
 
-@njit(cache=True)
+@compiled
 def _walk(state, bits, n):
     """Stuffing over the n lowest of `bits`, highest first: (state, stuff bits)."""
     count = 0
@@ -74,7 +74,7 @@ def _walk(state, bits, n):
     return np.int64(_AFTER[n, state, value]), count + _STUFFED_IN[n, state, value]
 
 
-@njit(cache=True)
+@compiled
 def _crc15(crc, bits, n):
     for position in range(n - 1, -1, -1):
         out = ((crc >> 14) ^ (bits >> position)) & 1
@@ -84,7 +84,7 @@ def _crc15(crc, bits, n):
     return crc
 
 
-@njit(cache=True)
+@compiled
 def frame_bits(words, row):
     """(bits at the nominal rate, bits at the data rate) of frame `row`, from start of frame to the end of the intermission."""
     head = words[WORDS * row + 1]
@@ -133,7 +133,7 @@ def frame_bits(words, row):
     return n + 8 * size + count + 15 + in_crc + 13, 0
 
 
-@njit(cache=True)
+@compiled
 def frame_ns(words, row, bitrate, data_bitrate):
     """Nanoseconds that frame `row` occupies a bus with these bit rates (bit/s)."""
     nominal, data = frame_bits(words, row)

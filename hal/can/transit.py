@@ -8,7 +8,6 @@ nobody who comes later can push it off.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from hal.can.arbitration import arbitration_field, priority
 from hal.can.bus_state import (
@@ -55,9 +54,10 @@ from hal.can.frames import ESI, EXTENDED, FD, WORDS
 from hal.can.queues import flush, give_row, take_row
 from hal.can.tally import BUSY, ERRORS, FRAMES, FREE, count
 from hal.can.timing import frame_ns
+from handrail.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def take_off(s, bus, now):
     """Take the frame on the wire off it, since its sender can send no more; it stays at the head of its queue."""
     row = s.wire[bus, ROW]
@@ -70,7 +70,7 @@ def take_off(s, bus, now):
     s.totals[bus, FREE] = max(now, s.wire[bus, BEGAN])
 
 
-@njit(cache=True)
+@compiled
 def run(s, bus, until, out, out_node, k):
     """Run a channel until `until` (ns; NEVER: until nothing is left to send). Frames that end by then go to row k of `out`
     and on, their time_ns the end; returns the row behind the last."""
@@ -89,7 +89,7 @@ def run(s, bus, until, out, out_node, k):
     return k
 
 
-@njit(cache=True)
+@compiled
 def run_all(s, now, until, timed, out, out_node, k):
     """Run all channels, the `timed` ones (c,) until `until`, the others until nothing is left to send.
 
@@ -107,7 +107,7 @@ def run_all(s, now, until, timed, out, out_node, k):
     return k, then, impaired
 
 
-@njit(cache=True)
+@compiled
 def _winner(s, bus):
     """(when the next frame starts, whose it is; −1: nobody's): of those that are ready first, the lowest identifier's."""
     # Arrays one by one: handing all of `s` to a function for every node cost more than all that it does.
@@ -132,7 +132,7 @@ def _winner(s, bus):
     return first, best
 
 
-@njit(cache=True)
+@compiled
 def _ready(queue, babble, link, counters, bus, who):
     """ns from when on a node that has something to send may; NEVER: bus-off, or cut off."""
     if not takes_part(counters, bus, who):
@@ -141,7 +141,7 @@ def _ready(queue, babble, link, counters, bus, who):
     return max(since, counters[bus, who, RESUME])
 
 
-@njit(cache=True)
+@compiled
 def _start(s, bus, who, start):
     s.wire[bus, RECESSIVE] = recessive(s, bus, start)
     row = _babbled(s, bus, who) if s.babble[bus, who, 0] >= 0 else s.queue[bus, who, HEAD]
@@ -156,7 +156,7 @@ def _start(s, bus, who, start):
     s.wire[bus, ROW], s.wire[bus, BEGAN], s.wire[bus, END] = row, start, start + took
 
 
-@njit(cache=True)
+@compiled
 def _finish(s, bus, out, out_node, k):
     row, end = s.wire[bus, ROW], s.wire[bus, END]
     who, mark, took = s.link[row, NODE], s.link[row, MARK], end - s.wire[bus, BEGAN]
@@ -194,7 +194,7 @@ def _finish(s, bus, out, out_node, k):
     return k
 
 
-@njit(cache=True)
+@compiled
 def _destroyed(s, bus, who, row):
     """Where along the frame a fault destroys it, 0..1; −1: nowhere."""
     head = s.pool[WORDS * row + 1]
@@ -215,7 +215,7 @@ def _destroyed(s, bus, who, row):
     return -1.0
 
 
-@njit(cache=True)
+@compiled
 def _draw(state, i):
     """53 random bits (splitmix64)."""
     state[i] += np.uint64(0x9E3779B97F4A7C15)
@@ -225,7 +225,7 @@ def _draw(state, i):
     return (z ^ (z >> np.uint64(31))) >> np.uint64(11)
 
 
-@njit(cache=True)
+@compiled
 def next_time(s, bus):
     """ns when something happens next on a channel without anybody's doing: a frame ends or starts; NEVER: nothing does."""
     if s.wire[bus, ROW] >= 0:
@@ -234,7 +234,7 @@ def next_time(s, bus):
     return start + 1 if who >= 0 else NEVER
 
 
-@njit(cache=True)
+@compiled
 def _try_in_vain(s, bus, until):
     """Nodes behind a cut cable: nobody acknowledges, so they try again until they are error passive, which then stays."""
     for who in range(s.queue.shape[1]):
@@ -250,7 +250,7 @@ def _try_in_vain(s, bus, until):
         s.counters[bus, who, RESUME] = at
 
 
-@njit(cache=True)
+@compiled
 def _babbled(s, bus, who):
     """A row with the babbler's frame: classic, eight zero bytes, as a stuck controller sends."""
     row = take_row(s)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from handrail.compiled import compiled
 
 NONE = -1
 WIDTH, START, REFLECTED, XOR = range(4)
@@ -61,7 +62,7 @@ def _slices() -> npt.NDArray[np.uint16]:
 _SLICES = _slices()
 
 
-@njit(cache=True)
+@compiled
 def crc16(words, first, length):
     """CRC-16/CCITT-FALSE of `length` bytes that begin at words[first] (uint64, little-endian)."""
     crc = np.int64(0xFFFF)
@@ -78,7 +79,7 @@ def crc16(words, first, length):
     return crc
 
 
-@njit(cache=True)
+@compiled
 def crc_of(words, first, begin, end, algorithm):
     """CRC of the bytes `begin` to `end` (exclusive) of the data that starts at words[first], by number of algorithm."""
     if algorithm == 0 and begin == 0:

@@ -54,6 +54,7 @@ from hal.drives.signals import (
     tables,
     valid,
 )
+from handrail.compiled import compiled
 
 COMMANDED, CONTROLLED, ANSWERS, OWED, WORD, ECHO, WATCHDOG, HEARD, ORDER, DEAF = range(10)
 """Rows of a target's flags (FLAGS, nodes) uint8: in this batch, was commanded, was controlled, owes an answer; owes a frame, until
@@ -116,7 +117,7 @@ def _listen(words, first, f, frames, ops, memory, flags, now, check):
     return taken, late
 
 
-@njit(cache=True)
+@compiled
 def decode_host(records, count, code, command_memory, device_values, memory, cycle, check):
     """Take the host's frames among the first `count` records in; (good, refused).
 
@@ -208,12 +209,12 @@ def decode_host(records, count, code, command_memory, device_values, memory, cyc
     return good, refused
 
 
-@njit(cache=True)
+@compiled
 def _finite(value):
     return value if math.isfinite(value) else 0.0
 
 
-@njit(cache=True)
+@compiled
 def encode_answers(records, code, owed, joint_memory, mode, device_values, device_sequence, time_us, senders):
     """Write the frames of the nodes that owe one (nodes,), and their numbers into `senders`; how many.
 

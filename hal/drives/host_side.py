@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from hal.can.frames import DATA, WORDS
 from hal.device import COMMANDED
@@ -38,6 +37,7 @@ from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take
 from hal.drives.rows import device_state, joint_command, joint_state
 from hal.drives.signals import begin, frame_of, get_raw, get_value, put_raw, put_value, sequence_of, sign, tables, valid
 from hal.joint import Mode
+from handrail.compiled import compiled
 
 REPLIES = MOST_PARAMETERS * PARAMETER_COLUMNS
 """Where in the host's notes the parameter replies of the last batch end, and how many there were is said."""
@@ -59,7 +59,7 @@ _STATUSWORDS = statusword(np.arange(len(State)))
 _DRIFT = 1.0 / 8192.0
 
 
-@njit(cache=True)
+@compiled
 def encode_host(
     records, code, roles, joint_memory, controlwords, device_values, device_commanded, cycle, sequence, watchdog
 ):
@@ -123,7 +123,7 @@ def encode_host(
     return k
 
 
-@njit(cache=True)
+@compiled
 def _measured(words, k, time_op, ops, clocks, row):
     """When a frame's values were measured, ns of the bus's clock.
 
@@ -152,7 +152,7 @@ def _measured(words, k, time_op, ops, clocks, row):
     return arrived - np.int64(late * 1000.0)
 
 
-@njit(cache=True)
+@compiled
 def decode_status(records, count, code, n, joint_memory, d, device_memory, notes, sent):
     """Take the nodes' frames among the first `count` records in; (good, refused, repeated), and the notes' replies.
 

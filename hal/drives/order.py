@@ -8,7 +8,7 @@ frame that comes first may be a late one: it stops a drive, but never takes it f
 
 from __future__ import annotations
 
-from numba import njit
+from handrail.compiled import compiled
 
 LATE, NEXT, FIRST = 0, 1, 2
 """What a drive takes a frame for: late or a repetition, which counts for nothing; the next one; the first of a stream."""
@@ -20,7 +20,7 @@ _LONGEST_JUMP = 50
 """frames of a device that may be lost in a row; the cycles of silence after which its frames' order can't be told"""
 
 
-@njit(cache=True)
+@compiled
 def order_at_drive(sequence, last, heard, silence, patience):
     """LATE, NEXT or FIRST, for a drive that believed number `last` so many cycles ago (`silence`), if it ever `heard` one.
 
@@ -31,7 +31,7 @@ def order_at_drive(sequence, last, heard, silence, patience):
     return NEXT if 0 < ((sequence - last) & 0xFF) <= min(patience, FARTHEST) else LATE
 
 
-@njit(cache=True)
+@compiled
 def is_fresh_answer(sequence, last, age, sent):
     """Does this answer come after the last one that was believed, `age` cycles ago?
 
@@ -49,7 +49,7 @@ def is_fresh_answer(sequence, last, age, sent):
     return ((sent - sequence) & 0xFF) < ((sent - last) & 0xFF)
 
 
-@njit(cache=True)
+@compiled
 def is_fresh_state(sequence, last, age):
     """Does a device's frame, which answers nothing, come after the last one that was believed, `age` cycles ago?"""
     if age > _NEVER_HEARD:

@@ -7,12 +7,12 @@ value; nothing; the sequence number.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from hal.can.frames import DATA
 from hal.drives.borrowing import borrowed
 from hal.drives.fields import END, ENTITY, FIELD, FIRST, HEAD, Field
 from hal.drives.signals import begin, get_raw, put_raw, sign, tables
+from handrail.compiled import compiled
 
 PARAMETER_COLUMNS = 8
 MOST_PARAMETERS = 32
@@ -21,7 +21,7 @@ MOST_PARAMETERS = 32
 _AXIS, _VALUE, _SEQUENCE = int(Field.AXIS), int(Field.VALUE), int(Field.SEQUENCE)
 
 
-@njit(cache=True)
+@compiled
 def take_parameter(words, first, frames, f, ops, rows, count):
     """Row `count` of `rows` becomes what a frame says."""
     for column in range(PARAMETER_COLUMNS):
@@ -35,7 +35,7 @@ def take_parameter(words, first, frames, f, ops, rows, count):
             rows[count, 7] = np.int64(get_raw(words, first, ops, o))
 
 
-@njit(cache=True)
+@compiled
 def encode_parameter(records, f, code, row):
     """Write frame f from a row; 1."""
     words, row = borrowed(records.view(np.uint64)), borrowed(row)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from hal.device import MEASURED
 from hal.drives.borrowing import borrowed
+from handrail.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def joint_state(memory, n):
     """table (4, n), age and measured_ns (2, n), status (n,), error and sequence (2, n) of a JointState's memory"""
     memory = borrowed(memory)
@@ -22,14 +22,14 @@ def joint_state(memory, n):
     )
 
 
-@njit(cache=True)
+@compiled
 def joint_command(memory, n):
     """table (5, n), mode (n,) of a JointCommand's memory"""
     memory = borrowed(memory)
     return memory[: 5 * n].view(np.float64).reshape(5, n), memory[5 * n :].view(np.uint8)[:n]
 
 
-@njit(cache=True)
+@compiled
 def device_state(memory, d):
     """values (d, MEASURED), age and measured_ns (2, d) of a DeviceState's memory"""
     memory = borrowed(memory)

@@ -55,6 +55,7 @@ from hal.drives.fields import (
     Field,
     Role,
 )  # fmt: skip
+from handrail.compiled import compiled
 
 RAWS, LOGS, LOOKUP_COLUMNS = 256, 512, 516
 """Where raws by value (of a logarithmic scale: least values by raw), and the scale, begin in a row of the look-up tables."""
@@ -73,7 +74,7 @@ def packed(frames, ops, scales, lookups, ids, long_ids, payloads, spans):
     return np.concatenate([[*ends[1:], len(ids)], *(part.ravel() for part in parts)]).astype(np.int64)
 
 
-@njit(cache=True)
+@compiled
 def tables(code):
     """frames, ops, scales, lookups, ids, long_ids, payloads, spans"""
     code = borrowed(code)
@@ -112,7 +113,7 @@ def get_raw(words, first, ops, o):
     return bits
 
 
-@njit(cache=True)
+@compiled
 def _put_across(words, first, start, length, kind, bits):
     if kind & BIG_ENDIAN:
         put_big_endian(words, first, start, length, bits)
@@ -120,14 +121,14 @@ def _put_across(words, first, start, length, kind, bits):
         put_bits(words, first, start, length, bits)
 
 
-@njit(cache=True)
+@compiled
 def _bits_across(words, first, start, length, kind):
     if kind & BIG_ENDIAN:
         return get_big_endian(words, first, start, length)
     return get_bits(words, first, start, length)
 
 
-@njit(cache=True)
+@compiled
 def log2_nearly(value):
     """The binary logarithm of a positive normal number, to 0.01: its exponent, and a parabola through the octave's ends."""
     bits = np.float64(value).view(np.int64)
@@ -135,7 +136,7 @@ def log2_nearly(value):
     return (bits >> 52) - 1023 + rest * (1.34 - 0.34 * rest)
 
 
-@njit(cache=True)
+@compiled
 def _looked_up(value, lookups, table):
     """The raw integer of a value by a look-up table."""
     low = lookups[table, LOGS]
@@ -154,12 +155,12 @@ def _looked_up(value, lookups, table):
     return raw
 
 
-@njit(cache=True)
+@compiled
 def _float_bits(value, length):
     return np.uint64(np.float32(value).view(np.uint32)) if length == 32 else np.float64(value).view(np.uint64)
 
 
-@njit(cache=True)
+@compiled
 def _float_value(bits, length):
     return np.float64(np.uint32(bits).view(np.float32)) if length == 32 else np.uint64(bits).view(np.float64)
 
@@ -201,7 +202,7 @@ def put_value(words, first, ops, scales, lookups, o, value):
                 put_raw(words, first, ops, o, code)
 
 
-@njit(cache=True)
+@compiled
 def begin(words, k, head):
     words[WORDS * k] = np.uint64(0)
     words[WORDS * k + 1] = head
@@ -209,7 +210,7 @@ def begin(words, k, head):
         words[WORDS * k + DATA + i] = np.uint64(0)
 
 
-@njit(cache=True)
+@compiled
 def sign(words, k, frames, f, ops):
     """Write the CRC, where the frame has one."""
     if frames[f, CRC] >= 0:
@@ -218,7 +219,7 @@ def sign(words, k, frames, f, ops):
         put_raw(words, first, ops, frames[f, CRC], crc)
 
 
-@njit(cache=True)
+@compiled
 def valid(words, k, frames, f, ops):
     """Is this frame of the right format and length, with the right CRC and constants?"""
     head, first = words[WORDS * k + 1], WORDS * k + DATA
@@ -238,7 +239,7 @@ def valid(words, k, frames, f, ops):
     return True
 
 
-@njit(cache=True)
+@compiled
 def _long_frame(key, long_ids):
     at = np.searchsorted(long_ids[0], key)
     return long_ids[1, at] if at < long_ids.shape[1] and long_ids[0, at] == key else -1
@@ -258,7 +259,7 @@ def frame_of(words, k, ids, long_ids):
     return found
 
 
-@njit(cache=True)
+@compiled
 def sequence_of(words, first, frames, f, ops):
     """The sequence number of a frame that has one (0..255)."""
     op = frames[f, SEQUENCE]

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from hal.drives.borrowing import borrowed
 from hal.joint import Mode
 from hal.plant.transmission import ROD_COLUMNS, rod_lengths
+from handrail.compiled import compiled
 
 FIRMWARE_HZ = 5000
 MODE_SWITCH_RATE = 10.0
@@ -78,7 +78,7 @@ class ActuatorMemory:
         self.marks = parts[6].view(np.uint8)[: _MARKS * n].reshape(_MARKS, n)
 
 
-@njit(cache=True)
+@compiled
 def actuator_parts(memory):  # type: ignore[no-untyped-def]
     """signals, table, state, seeds, pairs, rods, marks of an ActuatorMemory"""
     memory = borrowed(memory)
@@ -100,7 +100,7 @@ def actuator_parts(memory):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _noise(seed):  # type: ignore[no-untyped-def]
     """About normal, mean 0, standard deviation 1: four 16-bit parts of a xorshift generator's next number, added up.
 
@@ -116,7 +116,7 @@ def _noise(seed):  # type: ignore[no-untyped-def]
     return (total - 2.0 * 65535.0) * _GAUSS
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _read_encoder(joint, t, s, seed):  # type: ignore[no-untyped-def]
     """The encoder's angle; the tracking loop follows it."""
     reading = joint + t[MOUNTED]
@@ -129,7 +129,7 @@ def _read_encoder(joint, t, s, seed):  # type: ignore[no-untyped-def]
     return reading
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _asked(mode, q, v, w, t, s):  # type: ignore[no-untyped-def]
     """The torque that the set-point asks for at position q and velocity v, N·m."""
     if mode == _MODE_DAMPING:
@@ -143,7 +143,7 @@ def _asked(mode, q, v, w, t, s):  # type: ignore[no-untyped-def]
     return w[TORQUE] + w[STIFFNESS] * (position - q) + w[DAMPING] * (w[VELOCITY] - v)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _switch_mode(mode, smooth, q, v, last_goal, w, t, s):  # type: ignore[no-untyped-def]
     """Take over a new mode: the torque goes on from where it was, and what is left over fades (`REST`).
 
@@ -163,7 +163,7 @@ def _switch_mode(mode, smooth, q, v, last_goal, w, t, s):  # type: ignore[no-unt
     s[REST] = last_goal - min(max(_asked(mode, q, v, w, t, s), -effort), effort)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _within_limits(goal, effort, q, v, t, s):  # type: ignore[no-untyped-def]
     """The torque that the limits of speed and position leave of a goal.
 
@@ -184,7 +184,7 @@ def _within_limits(goal, effort, q, v, t, s):  # type: ignore[no-untyped-def]
     return sign * bound
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _goal(mode, derating, q, w, t, s):  # type: ignore[no-untyped-def]
     """The joint's torque goal for this cycle, N·m, and whether a limit acts on it."""
     v, effort = s[TRACKED_RATE], t[EFFORT] * derating
@@ -205,14 +205,14 @@ def _goal(mode, derating, q, w, t, s):  # type: ignore[no-untyped-def]
     return bounded, limited
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _deflection(angle, t):  # type: ignore[no-untyped-def]
     """rad that the spring is wound up by when the rotor is ahead by `angle`: nothing while the gear is loose."""
     slack = t[SLACK]
     return angle if slack == 0.0 else angle - min(max(angle, -slack), slack)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _drive(goal, powered, derating, joint, joint_rate, t, s):  # type: ignore[no-untyped-def]
     """One cycle of the torque loop and of the actuator: feed-forward, PD and disturbance observer around the spring.
 
@@ -259,12 +259,12 @@ def _drive(goal, powered, derating, joint, joint_rate, t, s):  # type: ignore[no
     return measured, t[K] * _deflection(rotor - joint - _DT * joint_rate, t), limited
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _set_point(signals, j):  # type: ignore[no-untyped-def]
     return signals[POSITION, j], signals[VELOCITY, j], signals[TORQUE, j], signals[STIFFNESS, j], signals[DAMPING, j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def run(cycles, q, v, memory):  # type: ignore[no-untyped-def]
     """`cycles` of the firmware for every actuator, for joints at `q`, going on at constant velocity `v` (n,).
 
@@ -300,21 +300,21 @@ def run(cycles, q, v, memory):  # type: ignore[no-untyped-def]
         _run_pair(pairs[m, 0], pairs[m, 1], rods[m], cycles, q, v, signals, table, state, seeds, marks)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _tell(j, angle, rate, sensed, mean, goal, limited, signals, marks):  # type: ignore[no-untyped-def]
     """Leave what others read of an actuator."""
     signals[READING, j], signals[READING_RATE, j], signals[READING_TORQUE, j] = angle, rate, sensed
     signals[SPRING, j], signals[GOAL, j], marks[LIMITED, j] = mean, goal, limited
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _forget(s):  # type: ignore[no-untyped-def]
     """Without power nothing is left of the set-point's past."""
     s[INTEGRAL] = s[REST] = 0.0
     s[HELD] = np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _run_pair(a, b, rods, cycles, q, v, signals, table, state, seeds, marks):  # type: ignore[no-untyped-def]
     """The same for joints that two actuators move together: goals in joint space, torque loops in the actuators' own.
 

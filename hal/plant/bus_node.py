@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.can import frames
 from hal.drives import order
@@ -16,6 +15,7 @@ from hal.drives.protocol import DriveTargets, LimbProtocol, ParameterRequest
 from hal.drives.rows import joint_state
 from hal.joint import JointState
 from hal.plant.world import World
+from handrail.compiled import compiled
 
 _STATUSWORDS = statusword(np.arange(len(State)))
 _NEVER = -1
@@ -175,7 +175,7 @@ class BusNode:
             self._devices.command(row, values)
 
 
-@njit(cache=True)
+@compiled
 def _look(memory, position, velocity, torque, temperature, state, flags, error, sequence):  # type: ignore[no-untyped-def]
     """Fill a JointState's memory with what the drives say of themselves."""
     table, _, status, octets = joint_state(memory, state.shape[0])

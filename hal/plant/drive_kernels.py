@@ -7,7 +7,6 @@ Its parts have a column a drive, and are named here; `drives` and `actuators` ar
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from hal.drives.borrowing import borrowed
 from hal.drives.lifecycle import COMMAND_OF_CONTROLWORD, INTERNAL_LIMIT, TRANSITION, WARNING, DriveError, State
@@ -28,6 +27,7 @@ from hal.plant.actuator_kernels import (
     actuator_parts,
     run,
 )
+from handrail.compiled import compiled
 
 STEP_NS = 1_000_000
 """one step of the plant"""
@@ -82,7 +82,7 @@ class DriveMemory:
         self.marks = octets[2 * n : (2 + _MARKS) * n].reshape(_MARKS, n)
 
 
-@njit(cache=True)
+@compiled
 def drive_parts(memory):  # type: ignore[no-untyped-def]
     """values, times, flags, marks of a DriveMemory's memory"""
     memory = borrowed(memory)
@@ -98,7 +98,7 @@ def drive_parts(memory):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@compiled
 def climb(words, addressed, drives):  # type: ignore[no-untyped-def]
     """Note controlwords (n,) of the drives that are addressed, and in NEXT where they lead every drive. True if anywhere."""
     _, _, _, marks = drive_parts(drives)
@@ -114,7 +114,7 @@ def climb(words, addressed, drives):  # type: ignore[no-untyped-def]
     return moves
 
 
-@njit(cache=True)
+@compiled
 def take(now, given, modes, addressed, cycles, drives, actuators):  # type: ignore[no-untyped-def]
     """Copy set-points, a JointCommand's table and modes, to the drives that are addressed and enabled, and feed their watchdogs.
 
@@ -136,7 +136,7 @@ def take(now, given, modes, addressed, cycles, drives, actuators):  # type: igno
             times[FIRST_COMMAND, j] = now
 
 
-@njit(cache=True)
+@compiled
 def step(now, firmware_cycles, position, velocity, drives, actuators):  # type: ignore[no-untyped-def]
     """A millisecond of drives and actuators, for joints at `position` and `velocity` (n,). True when a brake opened or closed."""
     moved = _live(now, drives, actuators)
@@ -145,7 +145,7 @@ def step(now, firmware_cycles, position, velocity, drives, actuators):  # type: 
     return moved
 
 
-@njit(cache=True)
+@compiled
 def _live(now, drives, actuators):  # type: ignore[no-untyped-def]
     """What every drive does by itself. True when a brake opened or closed."""
     values, times, flags, marks = drive_parts(drives)
@@ -196,7 +196,7 @@ def _live(now, drives, actuators):  # type: ignore[no-untyped-def]
     return moved
 
 
-@njit(cache=True)
+@compiled
 def _fault(j, error, marks, traits):  # type: ignore[no-untyped-def]
     """Stop a drive for good. True when its brake closed."""
     opened = not marks[BRAKED, j]
@@ -205,7 +205,7 @@ def _fault(j, error, marks, traits):  # type: ignore[no-untyped-def]
     return opened
 
 
-@njit(cache=True)
+@compiled
 def _stop_left_alone(drives, actuators):  # type: ignore[no-untyped-def]
     """Of two drives that move their joints together, none does anything alone: where one is off, the other faults."""
     _, _, _, marks = drive_parts(drives)

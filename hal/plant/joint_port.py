@@ -20,10 +20,11 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 import numpy.typing as npt
-from numba import carray, njit, types
+from numba import carray, types
 from numba.extending import intrinsic
 
 from hal.plant.bullet import pybullet as p
+from handrail.compiled import compiled
 
 FELT = 9
 """Columns of a joint's row in `JointPort.felt`: position, velocity, reaction (6) where it is sensed, what its motor does."""
@@ -163,7 +164,7 @@ def _numbers_at(typing: Any, address: Any) -> Any:
 _numbers: Any = intrinsic(_numbers_at)
 
 
-@njit(cache=True)
+@compiled
 def _look(client, body, n, places, memory, pointers):  # type: ignore[no-untyped-def]
     """Write JointPort's memory, of which n joints are driven. Raises RuntimeError if PyBullet does not answer."""
     at = pointers.ctypes.data
@@ -189,7 +190,7 @@ def _look(client, body, n, places, memory, pointers):  # type: ignore[no-untyped
         row[_MOTOR] = motors[joint]
 
 
-@njit(cache=True)
+@compiled
 def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-untyped-def]
     """Torques, step, state. places (joints, 3), memory: JointPort's; pointers (4,): room for four addresses.
 
@@ -204,7 +205,7 @@ def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-
     _look(client, body, n, places, memory, pointers)
 
 
-@njit(cache=True)
+@compiled
 def _look_at_links(client, body, links, moved, pointers):  # type: ignore[no-untyped-def]
     """Write JointPort's `moved` for its links. Raises RuntimeError if PyBullet does not answer."""
     request = _request(client, np.int32(body))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from hal.drives.borrowing import borrowed
 from hal.plant.bullet import pybullet as p
 from hal.plant.robot_body import RobotBody, Vector
 from hal.plant.scene import quaternion
+from handrail.compiled import compiled
 
 GRAVITY = 9.81
 """m/s², along the world's −z"""
@@ -51,7 +51,7 @@ class Imu:
         _feel(moved, passed, self._memory, values)
 
 
-@njit(cache=True)
+@compiled
 def _turned(q, v):  # type: ignore[no-untyped-def]
     """A vector after the rotation q (x, y, z, w): v + 2 (w t + u × t), with u the rotation's vector and t = u × v."""
     x, y, z, w = q
@@ -63,7 +63,7 @@ def _turned(q, v):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@compiled
 def _feel(moved, passed, memory, values):  # type: ignore[no-untyped-def]
     """An IMU's columns. memory (13,): place and orientation in the carrier's inertial frame, last velocity and acceleration."""
     moved, memory, values = borrowed(moved), borrowed(memory), borrowed(values)
@@ -143,7 +143,7 @@ class ForceTorque:
         values[3:6] = p.rotateVector(into_sensor, (torque[0] - mx, torque[1] - my, torque[2] - mz))
 
 
-@njit(cache=True)
+@compiled
 def _carry(joint, place, values):  # type: ignore[no-untyped-def]
     """What a joint's reaction on a link, in the link's inertial frame at `place` (7,), means in the link's frame: its opposite."""
     joint, place, values = borrowed(joint), borrowed(place), borrowed(values)

@@ -16,8 +16,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from handrail.compiled import compiled
 from handrail.robot.description import ParallelPair, RobotDescription
 
 _GRID = 9
@@ -128,7 +128,7 @@ def transmissions_of(description: RobotDescription) -> tuple[ParallelTransmissio
 _FIXED, _MOVING, _PITCH_FIRST, _PER_ARM, ROD_COLUMNS = 0, 6, 12, 13, 14
 
 
-@njit(cache=True)
+@compiled
 def rod_lengths(pitch, roll, rods, positions, jacobian):  # type: ignore[no-untyped-def]
     """Write both rods' lengths (2,), in units of the arm, and their derivatives by pitch and roll (2, 2)."""
     cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)

@@ -70,5 +70,5 @@ def test_nothing_is_compiled_in_mid_motion_on_a_machine_where_nothing_is_compile
     status, rows, text = demo(tmp_path, "--seed", "0", timeout_s=280, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
     assert status == 0, text
     assert rows[0]["drive_faults"] == 0
-    compiled = list((tmp_path / "kernels").rglob("*.nbi"))
+    compiled = list((tmp_path / "kernels").rglob("*.nbc"))
     assert len(compiled) > 20, "the kernels were compiled anew"

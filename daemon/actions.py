@@ -6,13 +6,13 @@ before the controllers run: a guard that trips in a cycle takes the joints to `h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from daemon.controllers.base import MotionController
 from daemon.controllers.registry import for_motion
-from daemon.end_conditions import first_met, force_frames
+from daemon.end_conditions import Place, first_met, force_frames
 from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, Rule, TrajectoryMotion
 from daemon.manager import ClaimError, ControllerManager
 from daemon.robot_state import RobotState
@@ -44,6 +44,8 @@ class Action:
     """set by a cancellation: what the outcome will be once the path stands"""
     running: float = 0.0
     """s that it has run, pauses not counted"""
+    places: dict[int, Place] = field(default_factory=dict)
+    """what its end conditions remember"""
     condition: int = -1
     joint: int = -1
     value: float = 0.0
@@ -181,7 +183,7 @@ class ActionTable:
     def _has_to_end(self, action: Action, last: JointCommand) -> bool:
         joints, clock = action.controller.joints, action.controller.clock
         seen = followed(joints, last.position, self._robot.joints)
-        if trip := first_met(action.ends, action.running, joints, seen, self._robot):
+        if trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places):
             action.outcome = Outcome.CONDITION
             action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
             return True

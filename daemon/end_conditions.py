@@ -1,6 +1,6 @@
 """End conditions, checked in the loop's cycle: what was measured against what the action allows.
 
-Each is a pure function from measurements to the value that tripped it, or None.
+Each is a pure function from measurements to the value that tripped it, or None; those about motion know where it began.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from handrail.messages import (
     ForceEnd,
     JointLimitEnd,
     PoseErrorEnd,
+    StallEnd,
     TimeEnd,
+    TorqueLimitEnd,
+    TravelEnd,
 )
 
 Array = NDArray[np.float64]
@@ -32,9 +35,18 @@ class Trip(NamedTuple):
     condition: int
     """its index among the action's"""
     value: float
-    """what was measured: s, m, N or rad"""
+    """what was measured: s, m, N, rad, or a share"""
     joint: int
     """row of the joint that it was about; −1: none"""
+
+
+class Place(NamedTuple):
+    """Where a frame was, and when."""
+
+    translation: Array
+    """(3,) m, world"""
+    since: float
+    """s of the action's running time"""
 
 
 def first_met(
@@ -43,11 +55,12 @@ def first_met(
     joints: NDArray[np.int64],
     seen: Followed,
     robot: RobotState,
+    places: dict[int, Place],
 ) -> Trip | None:
     """The first of `ends` that is met in this cycle, in their order.
 
     `running`: s that the action has run; `joints`: rows that it claims; `seen`: how they follow. Force conditions
-    read `robot.forces`, which the caller keeps estimated at `force_frames(ends)`.
+    read `robot.wrenches`, which the caller keeps estimated at `force_frames(ends)`. `places`: the action's memory, empty at first.
     """
     for number, end in enumerate(ends):
         value: float | None = None
@@ -58,9 +71,9 @@ def first_met(
             case PoseErrorEnd():
                 value = beyond(distance(robot.lag(end.frame), end.axis), end.position)
             case ForceEnd():
-                value = beyond(distance(robot.forces[end.frame], end.axis), end.limit)
+                value = beyond(distance(robot.wrenches[end.frame][:3], end.axis), end.limit)
             case ContactEnd():
-                value = beyond(distance(robot.forces[end.frame], None), end.threshold)
+                value = beyond(distance(robot.wrenches[end.frame][:3], None), end.threshold)
             case JointLimitEnd():
                 description = robot.kinematics.description
                 room = room_to_limits(
@@ -72,6 +85,24 @@ def first_met(
             case DivergenceEnd():
                 if seen.off > end.error:
                     joint, value = seen.farthest, seen.off
+            case TorqueLimitEnd():
+                most = robot.kinematics.description.torque_limit[joints]
+                shares = np.abs(robot.joints.torque[joints]) / most
+                highest = int(np.argmax(shares))
+                if shares[highest] > end.share:
+                    value, joint = float(shares[highest]), int(joints[highest])
+            case TravelEnd():
+                here = robot.frame(end.frame).translation
+                start = places.setdefault(number, Place(here, running))
+                value = beyond(distance(here - start.translation, end.axis), end.distance)
+            case StallEnd():
+                here = robot.frame(end.frame).translation
+                last = places.setdefault(number, Place(here, running))
+                moved = distance(here - last.translation, None)
+                if moved >= end.distance:
+                    places[number] = Place(here, running)
+                elif running - last.since >= end.within:
+                    value = moved
         if value is not None:
             return Trip(number, value, joint)
     return None

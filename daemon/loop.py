@@ -79,7 +79,7 @@ class Loop:
         damping = joint_damping(kinematics, description.home_position())
         gains = Gains(*hardware.representable_gains(description.stiffness, damping))
         self.hardware, self.lockstep, self.period_ns, self.core = hardware, lockstep, description.period_ns, core
-        self.robot = RobotState(kinematics, hardware.state, period)
+        self.robot = RobotState(kinematics, hardware.state, period, hardware.devices)
         self.manager = ControllerManager(self.robot, gains)
         self.actions = ActionTable(self.manager, self.robot)
         self.devices = Devices(description, hardware.devices, hardware.device_command)

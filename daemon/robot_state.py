@@ -9,15 +9,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from daemon.observer import ExternalWrenches
+from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
-from handrail.compiled import compiled
 from handrail.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
-
-_FORCE_CUTOFF_HZ = 30.0
-_TORQUE_NOISE, _LARGEST_FORCE = 0.005, 100.0
-"""What the damping weighs against each other: errors of the torques, as a share of each joint's rated torque; N to be expected"""
 
 
 class FramePose(NamedTuple):
@@ -36,22 +33,22 @@ class RobotState:
     joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten by the next `update`.
     """
 
-    def __init__(self, kinematics: Kinematics, joints: JointState, period: float):
+    def __init__(self, kinematics: Kinematics, joints: JointState, period: float, devices: DeviceState | None = None):
+        """`devices`: what the robot's sensors tell; None: nothing."""
         self.kinematics = kinematics
         self.joints = joints
         self.period = period
         self.gravity = np.zeros(len(joints))
         """N·m (n,), at the measured position"""
-        self.forces: dict[str, Array] = {}
-        """frame → N (3,), world axes: what something outside exerts there; see `estimate_forces`"""
+        self._outside = ExternalWrenches(kinematics, joints, period, devices)
+        self.wrenches = self._outside.wrenches
+        """frame → (6,) N, N·m about its origin, world axes: what something outside exerts there; see `estimate_forces`"""
         self._model = kinematics.model
         self._measured, self._commanded = self._model.createData(), self._model.createData()
         self._rows = kinematics.index_v
         self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._last = JointCommand(len(joints))
-        self._squared_weight = 1.0 / kinematics.description.torque_limit**2
-        self._force_gain = 1.0 - np.exp(-2.0 * np.pi * _FORCE_CUTOFF_HZ * period)
         self._measured_fresh = self._commanded_fresh = False
 
     def update(self, last: JointCommand) -> None:
@@ -93,27 +90,15 @@ class RobotState:
         return (force @ self._model_jacobian(name)[:3])[self._rows]
 
     def estimate_forces(self, frames: Collection[str]) -> None:
-        """Update `forces`: for each of `frames`, the force that something outside exerts on its origin.
+        """Update `wrenches`: for each of `frames`, what something outside exerts there.
 
-        Weighted, damped least squares of Jᵀ F = C(q, q̇) q̇ + g(q) − τ_spring, low-passed at 30 Hz. Quasi-static, and meant for
-        guards, not for force control: M(q) q̈ is left out, so a free arm that accelerates at 1 m/s² reads a few newtons; a moment
-        at the frame, or a force elsewhere on the arm, is taken for a force at the frame; an error of the model's mass counts
-        fully; along directions that the joints hardly move the estimate is pulled to zero by the damping. Each frame is
-        estimated as if it were the only one touched.
+        A force-torque sensor that carries the frame tells it, freed of the weight and inertia of what it carries; its offset is
+        not. Otherwise the joints do: weighted, damped least squares of Jᵀ F = r with the momentum observer's r (daemon.observer).
+        Then a force elsewhere on the arm is taken for one at the frame, an error of the model's mass and friction in the joints
+        count fully, and along directions that the joints hardly move the estimate is pulled to zero by the damping.
         """
-        for old in [frame for frame in self.forces if frame not in frames]:
-            del self.forces[old]
-        if not frames:
-            return
-        bias = pin.nonLinearEffects(self._model, self._measured, self._q, self._v)
-        for frame in frames:
-            gain = self._force_gain
-            if frame not in self.forces:
-                self.forces[frame], gain = np.zeros(3), 1.0
-            jacobian = self._model_jacobian(frame)
-            _follow_force(
-                self.forces[frame], gain, jacobian, bias, self._rows, self.joints.torque, self._squared_weight
-            )
+        if frames or self.wrenches:
+            self._outside.update(frames, self._q, self._v, self._measured_pass)
 
     def _measured_pass(self) -> pin.Data:
         """Forward kinematics at the measured joints."""
@@ -134,24 +119,3 @@ class RobotState:
     def _model_jacobian(self, name: str) -> Array:
         frame = self.kinematics.frame_id(name)
         return pin.computeFrameJacobian(self._model, self._measured, self._q, frame, pin.LOCAL_WORLD_ALIGNED)
-
-
-@compiled
-def _follow_force(force, gain, jacobian, bias, rows, torque, squared_weight):  # type: ignore[no-untyped-def]
-    """Move `force` (3,) by `gain` towards argmin over F of Σ_j (w_j (Jᵀ F − bias + torque)_j)² + (noise |F| / largest)².
-
-    Cramer's rule on the normal equations [[a, b, c], [b, d, e], [c, e, f]] F = (x, y, z); p … u: the adjugate.
-    """
-    a = d = f = (_TORQUE_NOISE / _LARGEST_FORCE) ** 2
-    b = c = e = x = y = z = 0.0
-    for j in range(rows.shape[0]):
-        row = rows[j]
-        residual, j0, j1, j2 = bias[row] - torque[j], jacobian[0, row], jacobian[1, row], jacobian[2, row]
-        w0, w1, w2 = squared_weight[j] * j0, squared_weight[j] * j1, squared_weight[j] * j2
-        x, y, z = x + w0 * residual, y + w1 * residual, z + w2 * residual
-        a, b, c, d, e, f = a + w0 * j0, b + w0 * j1, c + w0 * j2, d + w1 * j1, e + w1 * j2, f + w2 * j2
-    p, q, r, s, t, u = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * p + b * q + c * r
-    force[0] += gain * ((p * x + q * y + r * z) / determinant - force[0])
-    force[1] += gain * ((q * x + s * y + t * z) / determinant - force[1])
-    force[2] += gain * ((r * x + t * y + u * z) / determinant - force[2])

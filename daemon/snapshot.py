@@ -95,10 +95,10 @@ class SnapshotWriter:
         for field, values in self._copies:
             field[...] = values
         self._command[...] = written.memory
-        forces = self._robot.forces
-        if forces or self._felt:
-            self._felt = bool(forces)
-            self._external_force[...] = next(iter(forces.values())) if forces else 0.0
+        wrenches = self._robot.wrenches
+        if wrenches or self._felt:
+            self._felt = bool(wrenches)
+            self._external_force[...] = next(iter(wrenches.values()))[:3] if wrenches else 0.0
 
         if self._hardware.identities != self._identities:
             self._write_identities()

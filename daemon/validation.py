@@ -21,8 +21,10 @@ from handrail.messages import (
     ForceEnd,
     JointTrajectory,
     PoseErrorEnd,
+    StallEnd,
     StartAction,
     SwitchRelay,
+    TravelEnd,
 )
 from handrail.robot.description import RobotDescription
 from handrail.topics import refuse
@@ -226,14 +228,14 @@ def _check_cartesian(motion: CartesianImpedance, frames: Collection[str]) -> Non
 
 
 def _check_end(end: EndCondition, field: str, frames: Collection[str]) -> None:
-    if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd):
+    if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd | StallEnd | TravelEnd):
         _check_frame(end.frame, f"{field}.frame", frames)
-    if isinstance(end, PoseErrorEnd | ForceEnd) and end.axis is not None:
+    if isinstance(end, PoseErrorEnd | ForceEnd | TravelEnd) and end.axis is not None:
         axis = np.array(end.axis)
         _check_all_finite(axis, f"{field}.axis")
         if abs(np.linalg.norm(axis) - 1.0) > 1e-3:
             raise refuse("no unit vector", f"{field}.axis", list(end.axis), "length 1")
-    for name in ("after", "position", "limit", "threshold", "margin", "error"):
+    for name in ("after", "position", "limit", "threshold", "margin", "error", "share", "distance", "within"):
         if hasattr(end, name):
             _check_finite(getattr(end, name), f"{field}.{name}")
 

@@ -534,7 +534,7 @@ class PoseErrorEnd(msgspec.Struct, tag="pose_error", kw_only=True, forbid_unknow
 
 
 class ForceEnd(msgspec.Struct, tag="force", kw_only=True, forbid_unknown_fields=True):
-    """Ends when the estimated external force on `frame` along `axis` (world) exceeds `limit` N in size."""
+    """Ends when the external force on `frame` along `axis` (world), felt or estimated, exceeds `limit` N in size."""
 
     frame: Name
     axis: tuple[float, float, float]
@@ -542,7 +542,7 @@ class ForceEnd(msgspec.Struct, tag="force", kw_only=True, forbid_unknown_fields=
 
 
 class ContactEnd(msgspec.Struct, tag="contact", kw_only=True, forbid_unknown_fields=True):
-    """Ends when the size of the estimated external force on `frame` exceeds `threshold` N."""
+    """Ends when the size of the external force on `frame`, felt or estimated, exceeds `threshold` N."""
 
     frame: Name
     threshold: Positive
@@ -560,7 +560,39 @@ class DivergenceEnd(msgspec.Struct, tag="divergence", kw_only=True, forbid_unkno
     error: Positive
 
 
-EndCondition = TimeEnd | PoseErrorEnd | ForceEnd | ContactEnd | JointLimitEnd | DivergenceEnd
+class TorqueLimitEnd(msgspec.Struct, tag="torque_limit", kw_only=True, forbid_unknown_fields=True):
+    """Ends when a claimed joint's spring bears more than `share` of the joint's torque limit."""
+
+    share: Annotated[float, Meta(gt=0, le=1)]
+
+
+class StallEnd(msgspec.Struct, tag="stall", kw_only=True, forbid_unknown_fields=True):
+    """Ends when `frame` is measured to have moved less than `distance` m in `within` s of the action's own running time."""
+
+    frame: Name
+    distance: Positive
+    within: Positive
+
+
+class TravelEnd(msgspec.Struct, tag="travel", kw_only=True, forbid_unknown_fields=True):
+    """Ends when `frame` is measured `distance` m from where it was at the action's start, along `axis` (world) if given."""
+
+    frame: Name
+    distance: Positive
+    axis: tuple[float, float, float] | None = None
+
+
+EndCondition = (
+    TimeEnd
+    | PoseErrorEnd
+    | ForceEnd
+    | ContactEnd
+    | JointLimitEnd
+    | DivergenceEnd
+    | TorqueLimitEnd
+    | StallEnd
+    | TravelEnd
+)
 
 
 class JointTrajectory(msgspec.Struct, tag="joint_trajectory", kw_only=True, forbid_unknown_fields=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,28 @@ from handrail.messages import (
     PathForce,
     Pose,
     PoseErrorEnd,
+    StallEnd,
     StartAction,
     TimeEnd,
+    TorqueLimitEnd,
+    TravelEnd,
 )
 
 MOTION_TRAJECTORY, MOTION_CARTESIAN = 1, 2
 _OF_DEVICES = (Kind.DEVICE, Kind.RELAY)
-_END_KINDS: tuple[type, ...] = (TimeEnd, PoseErrorEnd, ForceEnd, ContactEnd, JointLimitEnd, DivergenceEnd)
+_END_VALUES: dict[type, str] = {
+    TimeEnd: "after",
+    PoseErrorEnd: "position",
+    ForceEnd: "limit",
+    ContactEnd: "threshold",
+    JointLimitEnd: "margin",
+    DivergenceEnd: "error",
+    TorqueLimitEnd: "share",
+    StallEnd: "distance",
+    TravelEnd: "distance",
+}
+"""end condition → the field of it that is the record's `value`"""
+_END_KINDS = tuple(_END_VALUES)
 
 
 def encode_command(kind: Kind, serial: int, *, owner: int = 0, action: int = 0, value: float = 0.0) -> np.ndarray:
@@ -87,22 +103,13 @@ def encode_start(
 
 def _encode_end(row: np.void, end: EndCondition, frame_index: Mapping[str, int]) -> None:
     row["kind"], row["frame"] = _END_KINDS.index(type(end)), -1
-    if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd):
+    row["value"] = getattr(end, _END_VALUES[type(end)])
+    if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd | StallEnd | TravelEnd):
         row["frame"] = frame_index[end.frame]
-    if isinstance(end, PoseErrorEnd | ForceEnd) and end.axis is not None:
+    if isinstance(end, PoseErrorEnd | ForceEnd | TravelEnd) and end.axis is not None:
         row["has_axis"], row["axis"] = 1, end.axis
-    if isinstance(end, TimeEnd):
-        row["value"] = end.after
-    elif isinstance(end, PoseErrorEnd):
-        row["value"] = end.position
-    elif isinstance(end, ForceEnd):
-        row["value"] = end.limit
-    elif isinstance(end, ContactEnd):
-        row["value"] = end.threshold
-    elif isinstance(end, JointLimitEnd):
-        row["value"] = end.margin
-    else:
-        row["value"] = end.error
+    if isinstance(end, StallEnd):
+        row["within"] = end.within
 
 
 @dataclass(frozen=True)
@@ -190,17 +197,13 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
 
 
 def _decode_end(row: np.void, frames: Sequence[str]) -> EndCondition:
-    value, frame = float(row["value"]), frames[int(row["frame"])] if row["frame"] >= 0 else ""
-    axis = (float(row["axis"][0]), float(row["axis"][1]), float(row["axis"][2]))
     kind = _END_KINDS[int(row["kind"])]
-    if kind is TimeEnd:
-        return TimeEnd(after=value)
-    if kind is PoseErrorEnd:
-        return PoseErrorEnd(frame=frame, position=value, axis=axis if row["has_axis"] else None)
-    if kind is ForceEnd:
-        return ForceEnd(frame=frame, axis=axis, limit=value)
-    if kind is ContactEnd:
-        return ContactEnd(frame=frame, threshold=value)
-    if kind is JointLimitEnd:
-        return JointLimitEnd(margin=value)
-    return DivergenceEnd(error=value)
+    fields: dict[str, Any] = {_END_VALUES[kind]: float(row["value"])}
+    if row["frame"] >= 0:
+        fields["frame"] = frames[int(row["frame"])]
+    if row["has_axis"]:
+        fields["axis"] = tuple(row["axis"].tolist())
+    if kind is StallEnd:
+        fields["within"] = float(row["within"])
+    end: EndCondition = kind(**fields)
+    return end

@@ -139,7 +139,10 @@ class Rule(enum.IntEnum):
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this joint."""
 
-_END = np.dtype([("kind", "u1"), ("has_axis", "u1"), ("frame", "i2"), ("value", "f8"), ("axis", "f8", 3)], align=True)
+_END = np.dtype(
+    [("kind", "u1"), ("has_axis", "u1"), ("frame", "i2"), ("value", "f8"), ("within", "f8"), ("axis", "f8", 3)],
+    align=True,
+)
 
 SAFETY = np.dtype(
     [
@@ -193,7 +196,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("outcome", "u1"),
             ("condition", "i2"),
             ("joint", "i2"),  # the joint that it was about, -1: none
-            ("value", "f8"),  # the number that tripped: s, m, N or rad
+            ("value", "f8"),  # the number that tripped: s, m, N, rad or a share
             ("cycle", "i8"),  # of the last change of state
             ("time_ns", "i8"),
             ("path_force", "f8"),  # N

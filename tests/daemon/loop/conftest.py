@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,9 +126,17 @@ def effective(command: JointCommand, state: JointState) -> np.ndarray:
 class Bench:
     """A loop, its drives, and the server's ends of ring and mailbox."""
 
-    def __init__(self, folder: Path, description: RobotDescription, kinematics: Kinematics, protocol: LimbProtocol):
+    def __init__(
+        self,
+        folder: Path,
+        description: RobotDescription,
+        kinematics: Kinematics,
+        protocol: LimbProtocol,
+        drives: Any = None,
+    ):
+        """`drives`: the port with drives behind it, where they are others than `JointDrives`."""
         self.description, self.runtime = description, Runtime.at(folder)
-        self.drives = JointDrives(description, kinematics, protocol)
+        self.drives = drives or JointDrives(description, kinematics, protocol)
         self.hardware = Hardware(description, self.drives, protocol)
         self.loop = Loop(self.hardware, kinematics, True, self.runtime)
         dtype = exchange.snapshot_dtype(description)

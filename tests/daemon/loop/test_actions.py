@@ -13,6 +13,7 @@ from handrail.messages import (
     JointTrajectory,
     PoseErrorEnd,
     TimeEnd,
+    TorqueLimitEnd,
 )
 
 TIP = "tool_right_tip"
@@ -214,6 +215,18 @@ def test_a_joint_near_its_limit_ends_an_action_that_asks_for_it(enabled) -> None
     enabled.start(enabled.move("arm_right_4_joint", -(room - 0.05), 1.0), (JointLimitEnd(margin=0.1),))
     assert run_to_end(enabled) is Outcome.CONDITION
     assert enabled.snapshot()["actions"][0]["joint"] == joint
+
+
+def test_a_spring_that_bears_more_than_its_share_ends_the_action(enabled) -> None:
+    joint = enabled.index("arm_right_4_joint")
+    enabled.start(enabled.move("arm_right_4_joint", 0.01, 4.0), (TorqueLimitEnd(share=0.5),))
+    enabled.run(100)
+    assert enabled.action()[0] is ActionState.RUNNING
+    enabled.drives.external_torque[joint] = -0.55 * enabled.description.torque_limit[joint]
+    assert run_to_end(enabled) is Outcome.CONDITION
+    row = enabled.snapshot()["actions"][0]
+    assert (row["joint"], row["value"]) == (joint, pytest.approx(0.5, abs=0.05))
+    enabled.drives.external_torque[joint] = 0.0
 
 
 @pytest.mark.parametrize(

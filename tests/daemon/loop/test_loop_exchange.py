@@ -15,8 +15,11 @@ from handrail.messages import (
     PathForce,
     Pose,
     PoseErrorEnd,
+    StallEnd,
     StartAction,
     TimeEnd,
+    TorqueLimitEnd,
+    TravelEnd,
 )
 
 JOINTS = {"a": 0, "b": 1, "c": 2}
@@ -30,6 +33,10 @@ ENDS = [
     ContactEnd(frame="tip", threshold=4.0),
     JointLimitEnd(margin=0.0),
     DivergenceEnd(error=0.2),
+    TorqueLimitEnd(share=0.75),
+    StallEnd(frame="tip", distance=0.001, within=0.5),
+    TravelEnd(frame="tip", distance=0.05),
+    TravelEnd(frame="base", distance=0.04, axis=(0.0, 1.0, 0.0)),
 ]
 
 

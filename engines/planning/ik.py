@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from engines.planning.chain import Chain, chain_of, tip_of
+from engines.planning.halton import halton
 from handrail.compiled import compiled
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
@@ -100,7 +100,7 @@ def starts(near: list[Array], lower: Array, upper: Array, count: int) -> Array:
     A Halton point is drawn towards the first posture given, so that extreme postures come last.
     """
     given = [np.clip(posture, lower, upper) for posture in near]
-    points = qmc.Halton(len(lower), scramble=False).random(count + 1)[1:]
+    points = halton(count, len(lower))
     spread = np.linspace(0.35, 1.0, count)[:, None]
     scattered = given[0] + spread * (lower + points * (upper - lower) - given[0])
     return np.vstack([*given, scattered])[:count]

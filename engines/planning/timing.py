@@ -7,19 +7,15 @@ path stays the same, steps of acceleration become ramps (as in FIR trajectory fi
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
-import toppra
 from numpy.typing import NDArray
-from toppra import algorithm, constraint
 
+from engines.planning.bare_toppra import algorithm, constraint, toppra
 from engines.planning.plan import Infeasible
 
 Array = NDArray[np.float64]
-
-logging.getLogger("toppra").setLevel(logging.ERROR)  # it warns of numerics on every short path
 
 _KNOT_SPACING = 0.02
 _FINE = 0.001

@@ -1,7 +1,7 @@
 """Signals in CAN frames, as a DBC file lays them out: whole batches of frames at once, in place, by compiled kernels.
 
-cantools reads the DBC when the program starts; its messages become small tables, which the kernels walk. Drive families build
-their own tables from a `MessageLayout` (hal.drives.program); anything else uses `Codec.encode` and `Codec.decode`.
+A DBC's messages become small tables (hal.can.layout), which the kernels walk. Drive families build their own tables from a
+`MessageLayout` (hal.drives.program); anything else uses `Codec.encode` and `Codec.decode`.
 
 Physical values are float64. A raw value is round-half-even((value − offset) / scale), as in cantools; what does not fit the
 signal's bits saturates.
@@ -10,82 +10,69 @@ signal's bits saturates.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING
 
-import cantools
 import numpy as np
 import numpy.typing as npt
-from cantools.database.can import Database, Message, Signal
 
-from hal.can.frames import BRS, DATA, EXTENDED, FD, RECORD, WORDS
+from hal.can.frames import DATA, RECORD, WORDS
+from hal.can.layout import (
+    BIG_ENDIAN,
+    FLOAT,
+    HIGH,
+    KIND,
+    LENGTH,
+    LOW,
+    OFFSET,
+    SCALE,
+    SIGNED,
+    START,
+    MessageLayout,
+    Unfit,
+    layouts,
+    layouts_of,
+    read_database,
+)
 from handrail.compiled import compiled
 
-START, LENGTH, KIND = 0, 1, 2
-"""Columns of `MessageLayout.places`."""
-SCALE, OFFSET, LOW, HIGH = 0, 1, 2, 3
-"""Columns of `MessageLayout.scales`; LOW and HIGH bound the raw value."""
-SIGNED, BIG_ENDIAN, FLOAT = 1, 2, 4
-"""Bits of KIND."""
-
-_WIDEST = 53
-"""Bits of an integer that float64 holds exactly."""
-
-
-@dataclass(frozen=True)
-class MessageLayout:
-    """One message of a DBC file as tables."""
-
-    name: str
-    frame_id: int
-    length: int
-    """bytes"""
-    head: int
-    """word 1 of its records on bus 0: identifier, length, flags"""
-    signals: tuple[str, ...]
-    places: npt.NDArray[np.int64]
-    """(s, 3) START: bit of the data, as DBC counts for little-endian signals; for big-endian ones the bit from the first
-    byte's highest on; LENGTH: bits; KIND"""
-    scales: npt.NDArray[np.float64]
-    """(s, 4) SCALE, OFFSET, LOW, HIGH"""
-
-    def rows(self, names: Sequence[str]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """`places` and `scales` of these signals, in this order. Raises KeyError naming message and signal."""
-        missing = [name for name in names if name not in self.signals]
-        if missing:
-            raise KeyError(f"message {self.name}: no signal {missing[0]}; it has {', '.join(self.signals)}")
-        index = [self.signals.index(name) for name in names]
-        return np.ascontiguousarray(self.places[index]), np.ascontiguousarray(self.scales[index])
+if TYPE_CHECKING:
+    from cantools.database.can import Database
 
 
 class Codec:
     """The messages of one DBC file."""
 
-    def __init__(self, database: Database):
-        self.database = database
-        self._layouts: dict[str, MessageLayout] = {}
+    def __init__(self, messages: Mapping[str, MessageLayout | Unfit], file: str | os.PathLike[str]):
+        self._messages, self._file = messages, file
 
     @classmethod
     def from_file(cls, file: str | os.PathLike[str]) -> Codec:
         """Read a DBC file. Raises ValueError naming the file where cantools can't read it."""
-        try:
-            database = cantools.database.load_file(os.fspath(file), database_format="dbc")
-        except (OSError, cantools.Error, UnicodeDecodeError) as error:
-            raise ValueError(f"{file}: no DBC file that can be read: {error}") from error
-        assert isinstance(database, Database)  # what cantools makes of a DBC
-        return cls(database)
+        return cls(layouts(file), file)
+
+    @classmethod
+    def from_database(cls, database: Database) -> Codec:
+        """Of a DBC that cantools has read, or that was made."""
+        codec = cls(layouts_of(database.messages), "")
+        codec.database = database
+        return codec
+
+    @cached_property
+    def database(self) -> Database:
+        """All that the DBC says, as cantools has it."""
+        return read_database(self._file)
 
     def layout(self, name: str) -> MessageLayout:
         """A message's tables. Raises KeyError when the DBC has none of that name, ValueError when it is multiplexed, holds
         integers above 53 bits or floats of 16."""
-        if name not in self._layouts:
-            try:
-                message = self.database.get_message_by_name(name)
-            except KeyError as error:
-                raise KeyError(f"message {name}: not in the DBC") from error
-            self._layouts[name] = _layout(message)
-        return self._layouts[name]
+        if name not in self._messages:
+            raise KeyError(f"message {name}: not in the DBC")
+        found = self._messages[name]
+        if isinstance(found, Unfit):
+            raise ValueError(found.problem)
+        return found
 
     def encode(
         self, name: str, values: npt.ArrayLike, out: npt.NDArray[np.void], *, bus: int = 0
@@ -123,42 +110,6 @@ class Codec:
         out = np.empty((len(records), len(layout.signals)))
         _decode(records.view(np.uint64), out, layout.places, layout.scales)
         return out
-
-
-def _layout(message: Message) -> MessageLayout:
-    if message.is_multiplexed():
-        raise ValueError(f"message {message.name}: multiplexed; expected a message whose signals are always all there")
-    places = np.zeros((len(message.signals), 3), np.int64)
-    scales = np.zeros((len(message.signals), 4))
-    for row, signal in enumerate(message.signals):
-        places[row], scales[row] = _signal(message, signal)
-    flags = (EXTENDED if message.is_extended_frame else 0) | (FD | BRS if message.is_fd else 0)
-    return MessageLayout(
-        name=message.name,
-        frame_id=message.frame_id,
-        length=message.length,
-        head=message.frame_id | message.length << 32 | flags << 40,
-        signals=tuple(signal.name for signal in message.signals),
-        places=places,
-        scales=scales,
-    )
-
-
-def _signal(message: Message, signal: Signal) -> tuple[Any, Any]:
-    big = signal.byte_order == "big_endian"
-    kind = (SIGNED if signal.is_signed else 0) | (BIG_ENDIAN if big else 0) | (FLOAT if signal.is_float else 0)
-    if signal.is_float and signal.length not in (32, 64):
-        raise ValueError(f"message {message.name}: {signal.name}: a float of {signal.length} bits; expected 32 or 64")
-    if not signal.is_float and signal.length > _WIDEST:
-        raise ValueError(f"message {message.name}: {signal.name}: {signal.length} bits; expected at most {_WIDEST}")
-    # DBC gives a big-endian signal's start as its highest bit, counted within little-endian bytes.
-    start = 8 * (signal.start // 8) + 7 - signal.start % 8 if big else signal.start
-    low, high = (
-        (-(1 << signal.length - 1), (1 << signal.length - 1) - 1) if signal.is_signed else (0, (1 << signal.length) - 1)
-    )
-    if signal.is_float:
-        low, high = 0, 0
-    return (start, signal.length, kind), (signal.scale, signal.offset, low, high)
 
 
 @compiled

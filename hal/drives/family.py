@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from hal.can.codec import Codec, MessageLayout
+from hal.can.codec import Codec
+from hal.can.layout import MessageLayout
 from hal.device import COMMANDED, MEASURED
 from hal.drives import crc
 from hal.drives.fields import Field, Role

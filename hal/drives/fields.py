@@ -58,7 +58,7 @@ class Role(enum.IntEnum):
 
 
 START, LENGTH, KIND, FIELD, ROW, COLUMN, TABLE, PLAIN, SHIFT, MASK = range(10)
-"""Columns of a program's ops, one row a signal: where it lies (as hal.can.codec.MessageLayout.places), what it means, of which
+"""Columns of a program's ops, one row a signal: where it lies (as hal.can.layout.MessageLayout.places), what it means, of which
 joint or device, which of a device's columns (or the constant), which look-up table (−1: linear); and, of a little-endian signal
 that one word of 64 bits holds, which word (−1: it is none), how far up its lowest bit is; as many ones as it has bits."""
 OP_COLUMNS = 10

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hal.can.codec import BIG_ENDIAN, MessageLayout
 from hal.can.frames import EXTENDED
+from hal.can.layout import BIG_ENDIAN, MessageLayout
 from hal.drives import fields
 from hal.drives.family import Family, Message, Signal, load, number, placeholders, signal_of, table
 from hal.drives.fields import FRAME_COLUMNS, OP_COLUMNS, Field, Role

@@ -29,8 +29,8 @@ import can
 import numpy as np
 
 from hal.can import frames
-from hal.can.codec import MessageLayout
 from hal.can.convert import to_message, to_record
+from hal.can.layout import MessageLayout
 from hal.drives.family import load, read
 from hal.drives.fields import Field, Role
 from hal.drives.lifecycle import Command

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hal.can import frames
-from hal.can.codec import MessageLayout
+from hal.can.layout import MessageLayout
 from hal.drives import crc, typed_fields
 from hal.drives.family import Family, load, number, signal_of
 from hal.drives.fields import Role

@@ -14,7 +14,6 @@ from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from hal.plant.merge import Merged, merge_fixed_links
 from handrail.robot.description import RobotDescription
@@ -107,6 +106,8 @@ def _localise(mesh: ET.Element, folder: Path, *, hull: bool) -> None:
     mesh.set("filename", name)
     if os.path.exists(folder / name):
         return
+    import trimesh  # half of what a plant imports; it does without once its model is in the cache
+
     shape = trimesh.load(source, force="mesh")
     if not isinstance(shape, trimesh.Trimesh) or len(shape.vertices) == 0:
         raise ValueError(f"mesh {source}: has no triangles")

@@ -130,7 +130,7 @@ def assemble(model: Model, folder: Path | None = None) -> Path:
         name = re.sub(r"^package:/{2,3}[^/]+/robots/", f"{robots}/", mesh.get("filename", ""))
         mesh.set("filename", name if "://" in name else str(source.parent / name))
     text = ET.tostring(root, encoding="utf-8")
-    return _cached(text, f"{root.get('name', 'robot')}-{hashlib.sha256(text).hexdigest()[:16]}.urdf")
+    return cached(text, f"{root.get('name', 'robot')}-{hashlib.sha256(text).hexdigest()[:16]}.urdf")
 
 
 def _touch(root: ET.Element, name: str, blocks: Sequence[Block]) -> None:
@@ -183,7 +183,8 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _cached(text: bytes, name: str) -> Path:
+def cached(text: bytes, name: str) -> Path:
+    """A file in the cache, whose name tells what is in it."""
     path = cache_folder() / name
     if not path.exists():
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as partial:

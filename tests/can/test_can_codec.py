@@ -13,7 +13,7 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.can import frames
+from hal.can import frames, layout
 from hal.can.codec import Codec
 from hal.drives import DBC_FILES
 
@@ -97,7 +97,7 @@ def _messages(draw: st.DrawFn) -> Message:
 @given(message=_messages(), draw=st.data())
 def test_any_message_is_encoded_and_decoded_as_cantools_does(message: Message, draw: st.DataObject) -> None:
     if message.signals:
-        _check_against_cantools(Codec(Database([message])), "m", draw)
+        _check_against_cantools(Codec.from_database(Database([message])), "m", draw)
 
 
 def test_what_does_not_fit_saturates() -> None:
@@ -132,6 +132,34 @@ def test_errors_name_message_signal_and_expectation(tmp_path: Path) -> None:
         Codec.from_file(tmp_path / "bad.dbc")
 
 
+_ONE = 'VERSION ""\nBU_: A\nBO_ 1 One: 8 A\n SG_ S : 0|8@1+ (0.1,-3) [0|0] "" A\n\n'
+
+
+def test_a_dbc_that_was_read_once_is_not_read_again_until_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    read: list[object] = []
+    monkeypatch.setattr(
+        layout, "read_database", lambda file, really=layout.read_database: read.append(file) or really(file)
+    )
+    file = tmp_path / "one.dbc"
+    file.write_text(_ONE + 'BO_ 2 Wide: 8 A\n SG_ W : 0|64@1+ (1,0) [0|0] "" A\n')
+    codecs = [Codec.from_file(file) for _ in range(2)]
+    assert len(read) == 1
+    first, again = (codec.layout("One") for codec in codecs)
+    assert (again.name, again.head, again.signals) == (first.name, first.head, first.signals)
+    assert np.array_equal(again.places, first.places)
+    assert np.array_equal(again.scales, first.scales)
+    assert codecs[1].decode("One", codecs[1].encode("One", [[0.7]], frames.empty(1))) == pytest.approx(0.7)
+    for codec in codecs:
+        with pytest.raises(ValueError, match="Wide: W: 64 bits"):
+            codec.layout("Wide")
+    file.write_text(_ONE.replace("0|8@", "8|8@"))
+    assert Codec.from_file(file).layout("One").places[0, layout.START] == 8
+    assert len(read) == 2
+
+
 def test_multiplexed_messages_and_too_wide_integers_are_refused() -> None:
     text = (
         'VERSION ""\nBU_: A\nBO_ 1 Mux: 8 A\n SG_ M M : 0|8@1+ (1,0) [0|0] "" A\n SG_ X m0 : 8|8@1+ (1,0) [0|0] "" A\n\n'
@@ -139,7 +167,7 @@ def test_multiplexed_messages_and_too_wide_integers_are_refused() -> None:
     )
     database = cantools.database.load_string(text, "dbc")
     assert isinstance(database, Database)
-    codec = Codec(database)
+    codec = Codec.from_database(database)
     with pytest.raises(ValueError, match="Mux: multiplexed"):
         codec.layout("Mux")
     with pytest.raises(ValueError, match="Wide: W: 64 bits; expected at most 53"):

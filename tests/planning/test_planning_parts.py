@@ -7,8 +7,10 @@ import dataclasses
 import coal
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from engines.planning.free_motion import free_way
+from engines.planning.halton import halton
 from engines.planning.ik import TipSolver, starts
 from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
@@ -29,6 +31,12 @@ def solver(kinematics, arm):
 def random_postures(solver, count):
     generator = np.random.default_rng(1)
     return generator.uniform(solver.lower, solver.upper, (count, len(solver.lower)))
+
+
+@pytest.mark.parametrize("dimensions", [1, 7, 25])
+def test_even_points_are_those_of_scipy_without_the_first(dimensions):
+    expected = qmc.Halton(dimensions, scramble=False).random(301)[1:]
+    assert np.array_equal(halton(300, dimensions), expected)
 
 
 def test_the_chain_agrees_with_pinocchio(solver, arm, description, kinematics):

@@ -27,7 +27,8 @@ import numpy as np
 
 from benchmarks.rows import Row
 from daemon.gains import joint_damping
-from daemon.loop import Loop, warm_up
+from daemon.loop import Loop
+from daemon.warm_up import warm_up
 from hal.awake import Awake
 from hal.can.port import HubPort
 from hal.core_pair import CorePair

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from daemon.controllers.base import MotionController
+from daemon.controllers.base import Controller, MotionController
 from daemon.controllers.registry import for_motion
 from daemon.end_conditions import Place, first_met, force_frames
 from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, Rule, TrajectoryMotion
-from daemon.manager import ClaimError, ControllerManager
+from daemon.manager import ActivationError, ClaimError, ControllerManager
 from daemon.robot_state import RobotState
 from daemon.safety.rules import followed, unsafe
 from hal.joint import JointCommand
@@ -109,6 +109,8 @@ class ActionTable:
             self._manager.switch([], [controller], last)
         except ClaimError as error:
             return Refusal(Answer.CLAIMED, error.joint)
+        except ActivationError:
+            return Refusal(Answer.NOT_ACTIVATED)
         frames = (self._tool(controller), *force_frames(command.ends))
         self.slots[slot] = Action(
             serial=command.serial,
@@ -161,14 +163,23 @@ class ActionTable:
                 action.cycle = self.cycle
         return ended
 
-    def refuse(self, joint: int, last: JointCommand, value: float = 0.0) -> list[Action]:
-        """End the action that claims `joint`, since its command may not be written. Returns what ended."""
-        ended = []
-        for action in self.running():
-            if joint in action.controller.joints:
-                action.outcome, action.joint, action.value = Outcome.REFUSED_BY_LIMITS, joint, value
-                self._end(action, last)
-                ended.append(action)
+    def refuse(self, joint: int, value: float = 0.0) -> list[Action]:
+        """End the action that claims `joint`, since its command may not be written. Returns what ended.
+
+        What commands its joints from now on is the caller's business.
+        """
+        ended = [action for action in self.running() if joint in action.controller.joints]
+        for action in ended:
+            action.outcome, action.joint, action.value = Outcome.REFUSED_BY_LIMITS, joint, value
+            self._note_end(action)
+        return ended
+
+    def lose(self, controller: Controller) -> list[Action]:
+        """End the action whose controller failed and has been replaced. Returns what ended."""
+        ended = [action for action in self.running() if action.controller is controller]
+        for action in ended:
+            action.outcome = Outcome.CONTROLLER_ERROR
+            self._note_end(action)
         return ended
 
     def end_all(self, outcome: Outcome, joint: int = -1) -> list[Action]:
@@ -200,9 +211,12 @@ class ActionTable:
         return False
 
     def _end(self, action: Action, last: JointCommand) -> None:
+        self._note_end(action)
+        self._manager.switch([action.controller], [], last)
+
+    def _note_end(self, action: Action) -> None:
         action.state, action.cycle = ActionState.ENDED, self.cycle
         self._look_who_runs()
-        self._manager.switch([action.controller], [], last)
 
     def _look_who_runs(self) -> None:
         """After every start and end, so that no cycle has to look."""

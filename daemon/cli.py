@@ -30,7 +30,7 @@ daemon = typer.Typer(help="The control daemon.", no_args_is_help=True, add_compl
 safety = typer.Typer(help="Safety rules.", no_args_is_help=True, add_completion=False)
 hardware = typer.Typer(help="Drives and devices.", no_args_is_help=True, add_completion=False)
 
-_RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's")
+RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAILRUNTIME, else this user's")
 _ROWS, _BAR = 16, 32
 """of a printed histogram: at most so many rows where that is finer than octaves; width of its longest bar"""
 
@@ -54,10 +54,10 @@ def _safety() -> None:
 def stats(
     json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, with every bin.")] = False,
     reset: Annotated[bool, typer.Option("--reset", help="Then count anew.")] = False,
-    runtime: Annotated[Path | None, _RUNTIME] = None,
+    runtime: Annotated[Path | None, RUNTIME] = None,
 ) -> None:
     """How long the loop's cycles work, how late they start, and how many periods they missed, since its start."""
-    timing: LoopTiming = _ask("daemon stats", GetTiming(reset=reset), runtime)
+    timing: LoopTiming = ask("daemon stats", GetTiming(reset=reset), runtime)
     if json:
         print(msgspec.json.format(msgspec.json.encode(timing), indent=1).decode())
         return
@@ -70,20 +70,20 @@ def stats(
     if told:
         heads = ("µs", "p50", "p90", "p99", "max")
         rows = [(name, *(f"{t:.1f}" for t in (of.p50_us, of.p90_us, of.p99_us, of.max_us))) for name, of in told]
-        print("", *_aligned([heads, *rows]), sep="\n")
+        print("", *aligned([heads, *rows]), sep="\n")
     for name, of in told:
         print("", name, *_histogram(of, timing.edges_us), sep="\n")
 
 
 @hardware.command()
-def status(runtime: Annotated[Path | None, _RUNTIME] = None) -> None:
+def status(runtime: Annotated[Path | None, RUNTIME] = None) -> None:
     """Every drive and device: life in ros2_control's words, CiA 402 state, error, heat, age, versions, channel, its state.
 
     Exit status 1: something is wrong with one of them, which is then said below.
     """
-    told: HardwareStatus = _ask("hardware status", GetHardware(), runtime)
+    told: HardwareStatus = ask("hardware status", GetHardware(), runtime)
     heads = ("component", "family", "channel", "bus", "life", "state", "error", "°C", "age", "firmware", "protocol")
-    print(*_aligned([heads, *map(_row, told.components)]), sep="\n")
+    print(*aligned([heads, *map(_row, told.components)]), sep="\n")
     if wrong := [f"{part.name}: {part.problem}" for part in told.components if part.problem]:
         sys.exit("\n".join(f"handrail hardware status: {line}" for line in wrong))
 
@@ -91,13 +91,13 @@ def status(runtime: Annotated[Path | None, _RUNTIME] = None) -> None:
 @safety.command()
 def explain(
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
-    runtime: Annotated[Path | None, _RUNTIME] = None,
+    runtime: Annotated[Path | None, RUNTIME] = None,
 ) -> None:
     """Which safety rule holds the robot now, why, and how to recover; then what else has tripped since the loop's start.
 
     Exit status 1: a rule holds the robot.
     """
-    told: SafetyReport = _ask("safety explain", GetSafety(), runtime)
+    told: SafetyReport = ask("safety explain", GetSafety(), runtime)
     if json:
         print(msgspec.json.format(msgspec.json.encode(told), indent=1).decode())
     else:
@@ -136,7 +136,7 @@ def _row(part: HardwareComponent) -> tuple[str, ...]:
     return (part.name, *words, error, heat, age, firmware, protocol)
 
 
-def _ask(verb: str, call: msgspec.Struct, runtime: Path | None) -> Any:
+def ask(verb: str, call: msgspec.Struct, runtime: Path | None) -> Any:
     """The daemon's answer; exits with one line when there is none."""
     try:
         place = Runtime.at(runtime, make=False)
@@ -148,7 +148,7 @@ def _ask(verb: str, call: msgspec.Struct, runtime: Path | None) -> Any:
         sys.exit(f"handrail {verb}: {error}")
 
 
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows of words as lines, the columns below each other: numbers to the right, names to the left."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     right = [any(cell[:1].isdigit() for cell in column) for column in zip(*rows[1:], strict=True)]
@@ -176,4 +176,4 @@ def _histogram(of: TimeDistribution, edges_us: Sequence[float]) -> list[str]:
     shown = [f"{count} {100 * count / counts.sum():6.2f} %" for count in sums]
     bars = ["█" * max(round(_BAR * count / max(sums)), count > 0) for count in sums]
     cells = [(*row, share.rjust(max(map(len, shown))), bar) for row, share, bar in zip(rows, shown, bars, strict=True)]
-    return _aligned([("from", "", "to µs", "cycles", ""), *cells])
+    return aligned([("from", "", "to µs", "cycles", ""), *cells])

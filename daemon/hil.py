@@ -23,7 +23,7 @@ _ENABLING_CYCLES = 500
 def warm_up(robot: str) -> None:
     """All that a loop and a server of this robot compile and load, ahead of their start (hal.hil.nursery)."""
     import daemon.server
-    from daemon.loop import warm_up
+    from daemon.warm_up import warm_up
     from hal.drives.protocol import LimbProtocol
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
@@ -38,13 +38,15 @@ class ControlLoop:
     """The daemon's loop, run by the test. Between two runs simulated time is held."""
 
     def __init__(self, rig: Rig):
-        from daemon.loop import Loop, warm_up
+        from daemon.loop import Loop
+        from daemon.warm_up import warm_up
         from hal.can.port import open_port
         from hal.drives.protocol import LimbProtocol
         from hal.hardware import Hardware
         from handrail.robot.kinematics import Kinematics
 
         self._rig, self._bus = rig, rig.bus
+        self._used: list[Controller] = []
         kinematics, protocol = Kinematics(rig.description), LimbProtocol(rig.description)
         warm_up(kinematics)
         hardware = Hardware(rig.description, open_port(rig.description, rig.runtime), protocol)
@@ -56,11 +58,14 @@ class ControlLoop:
         self.cycles(round(seconds * 1e9 / self.loop.period_ns))
 
     def cycles(self, count: int) -> None:
-        """So many cycles."""
+        """So many cycles. Raises what a controller in use raised: its joints are held from that cycle on."""
         self._bus.holding = False
         try:
             for _ in range(count):
                 self.loop.cycle()
+                for controller in self._used:
+                    if controller.error is not None:
+                        raise controller.error
         finally:
             self._bus.holding = True
 
@@ -85,10 +90,12 @@ class ControlLoop:
         rows = self._rig.description.index(tuple(joints_of(self._rig.description, joints)))
         made = controller(rows, self.loop.manager.gains)
         self.loop.manager.switch([], [made], self.loop.written)
+        self._used.append(made)
         return made
 
     def release(self, controller: Controller) -> None:
         """Give its joints back to `hold`."""
+        self._used.remove(controller)
         self.loop.manager.switch([controller], [], self.loop.written)
 
     def close(self) -> None:

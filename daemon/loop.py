@@ -17,16 +17,14 @@ import sys
 import time
 from collections.abc import Iterable
 
-import numpy as np
-
 from daemon import exchange
 from daemon.actions import Action, ActionTable
 from daemon.bus_watch import NODE
+from daemon.controller_table import ControllerTable
 from daemon.controllers.base import Gains
-from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.devices import Devices
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
-from daemon.exchange import Rule, TrajectoryMotion
+from daemon.exchange import Rule
 from daemon.gains import joint_damping
 from daemon.life import Life
 from daemon.mailbox import MailboxReader
@@ -34,18 +32,20 @@ from daemon.manager import ControllerManager
 from daemon.orders import Orders
 from daemon.ring import StateRingWriter
 from daemon.robot_state import RobotState
+from daemon.roster import roster_file
 from daemon.safety.last_word import LastWord
-from daemon.safety.limits import Limits, enforce
-from daemon.safety.rules import followed
+from daemon.safety.limits import Limits
 from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
 from daemon.timing import TimingWriter
+from daemon.warm_up import warm_up
+from daemon.workshop import SWITCH_INTERVAL_S, Workshop
 from hal.can.port import BusLost, HubPort, open_port
 from hal.core_pair import CorePair
 from hal.drives.protocol import LimbProtocol
 from hal.hardware import Goal, Hardware
-from hal.joint import JointCommand, JointState
+from hal.joint import JointCommand
 from hal.realtime import RealTime, sleep_then_spin_until
 from handrail.config import ConfigError
 from handrail.robot import description as robots
@@ -81,6 +81,8 @@ class Loop:
         self.hardware, self.lockstep, self.period_ns, self.core = hardware, lockstep, description.period_ns, core
         self.robot = RobotState(kinematics, hardware.state, period, hardware.devices)
         self.manager = ControllerManager(self.robot, gains)
+        self.workshop = Workshop(kinematics, gains, hardware.state, period, roster_file(runtime))
+        self.controllers = ControllerTable(self.manager, self.workshop)
         self.actions = ActionTable(self.manager, self.robot)
         self.devices = Devices(description, hardware.devices, hardware.device_command)
         self.life = Life(hardware, self.manager, self.actions, self.devices, period)
@@ -92,9 +94,10 @@ class Loop:
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
         mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
         frames = exchange.frame_names(description)
-        self.orders = Orders(mailbox, frames, self.life, self.actions, self.devices, self.holds)
+        self.orders = Orders(mailbox, frames, self.life, self.actions, self.controllers, self.devices, self.holds)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
-        self.snapshot = SnapshotWriter(ring, hardware, self.robot, self.manager, self.life, self.actions, self.orders)
+        who = (self.manager, self.life, self.actions, self.controllers, self.orders)
+        self.snapshot = SnapshotWriter(ring, hardware, self.robot, *who)
         self.timing = TimingWriter(runtime.timing)
         self.time_ns = -self.period_ns
         self.cycles = self.misses = self.work_ns = self.late_ns = self._rang_ns = 0
@@ -104,12 +107,13 @@ class Loop:
         """One period of the robot's time."""
         began = time.perf_counter_ns()
         self.cycles += 1
-        self.actions.cycle = self.cycles
+        self.actions.cycle = self.controllers.cycle = self.cycles
         self.serve_stop()
         self.read_bus()
         if self.lockstep:
             began = time.perf_counter_ns()  # until here it waited for the plant: that is no work
         self.robot.update(self.written)
+        self.controllers.collect(self.time_ns)
         self.orders.serve(self.written, self.time_ns)
         self.life.update()
         self.devices.update()
@@ -151,10 +155,13 @@ class Loop:
     def run_controllers(self) -> JointCommand | None:
         """This cycle's command within the limits, or None where nobody commands the robot."""
         if self.manager.enabled:
-            if (bad := self.within_limits(self.manager.update(self.written))) >= 0:
+            wanted = self.manager.update(self.written)
+            while (bad := self.within_limits(wanted)) >= 0:
                 self.life.ledger.trip(Rule.NOT_FINITE, bad)
-                self.after_end(self.actions.refuse(bad, self.written))
-                bad = self.within_limits(self.manager.update(self.written))
+                if not self.refuse(bad, self.written):
+                    break
+            if self.manager.failures:
+                self.after_failures()
             if bad < 0:
                 return self.written
             self.life.quick_stop(bad)
@@ -174,9 +181,21 @@ class Loop:
         if changed < 0:
             return joint
         if changed and (off := self.last_word.held_back(command, wanted)) is not None:
-            self.after_end(self.actions.refuse(off[0], command, off[1]))
+            self.refuse(off[0], command, off[1])
         self.written, self._next, self._commanding = command, previous, True
         return -1
+
+    def refuse(self, joint: int, last: JointCommand, value: float = 0.0) -> bool:
+        """The command of a joint may not be written: another controller takes it over, from `last`. False: there is none."""
+        self.after_end(self.actions.refuse(joint, value))
+        return self.manager.fail(joint, last)
+
+    def after_failures(self) -> None:
+        """Controllers have failed and were replaced: their actions end, and people hear of it."""
+        for controller in self.manager.failures:
+            self.after_end(self.actions.lose(controller))
+            self.controllers.fail(controller)
+        self.manager.failures.clear()
 
     def after_end(self, ended: Iterable[Action]) -> None:
         """Note why; in lock-step an owner may have asked for time to think at its action's end."""
@@ -202,6 +221,8 @@ class Loop:
         warnings = [] if self.lockstep else RealTime(priority=PRIORITY, cpus=CPUS).warnings
         for warning in warnings:
             print(f"daemon loop: {warning}", file=sys.stderr, flush=True)
+        if not self.lockstep:
+            sys.setswitchinterval(SWITCH_INTERVAL_S)
         print("loop ready", flush=True)
         if self.lockstep:
             self.run_lockstep()
@@ -258,23 +279,8 @@ class Loop:
                 self.hardware.write(None, self.cycles)
         if self.core is not None:
             self.core.close()
-        for part in (self.hardware, self.stop_socket, self.doorbell, self.server):
+        for part in (self.workshop, self.hardware, self.stop_socket, self.doorbell, self.server):
             part.close()
-
-
-def warm_up(kinematics: Kinematics) -> None:
-    """Compile all that the cycle ever calls, before the bus is joined: in mid-motion it would hold the robot up for a second."""
-    n = len(kinematics.description.joints)
-    limits, state, command = Limits.of(kinematics.description), JointState(n), JointCommand(n)
-    robot = RobotState(kinematics, state, limits.period)
-    robot.update(command)
-    robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
-    path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
-    motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)
-    motion.activate(robot, command)
-    motion.update(robot, command)
-    followed(path.joints, command.position, state)
-    enforce(JointCommand(n), command, JointCommand(n), state, limits)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,47 +1,82 @@
 """Which controller commands which joint: claims, whole switches, and the bump taken out of each.
 
-A switch names the controllers that go and those that come; it happens in one cycle or not at all. Every joint of an enabled robot
-has exactly one controller: the joints that no motion claims, `hold` does.
+A switch names the controllers that go and those that come; it happens in one cycle or not at all. Claims are exclusive per joint
+and interface (position, velocity, torque, stiffness, damping); what nobody claims of an enabled robot, `hold` does. A controller
+may command the references of another one instead of the robot: then the other one must be active, and is updated after it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from daemon.controllers.base import Array, Controller, Gains
+from daemon.controllers.base import Array, Controller, Gains, rows_of
 from daemon.controllers.hold import Hold
 from daemon.exchange import CONTROLLERS
 from daemon.references import fade
 from daemon.robot_state import RobotState
 from daemon.safety.limits import effective_torque
-from hal.joint import JointCommand
+from hal.joint import COMMANDED, JointCommand
 
 FADE = 0.2
 """s in which the torque that a switch would have made jump is let go"""
+_HOLD = CONTROLLERS.index(Hold.name)
 
 
-class ClaimError(Exception):
-    """A switch that would give one joint to two controllers. Nothing was switched."""
+class SwitchError(Exception):
+    """A switch that can't be made. Nothing was switched."""
+
+
+class ClaimError(SwitchError):
+    """One joint's interface would have two controllers."""
 
     def __init__(self, joint: int):
         self.joint = joint
         super().__init__(f"joint {joint} is claimed by another active controller")
 
 
+class ChainError(SwitchError):
+    """`controller` commands references of one that would not be active, or that has none for `joint` (−1: for all of them)."""
+
+    def __init__(self, controller: Controller, joint: int = -1):
+        self.controller, self.joint = controller, joint
+        super().__init__(f"{controller.name} commands references that are not there")
+
+
+class ActivationError(SwitchError):
+    """`controller` raised an exception, the cause of this one, when it should take over."""
+
+    def __init__(self, controller: Controller):
+        self.controller = controller
+        super().__init__(f"{controller.name} can't be activated")
+
+
+class CommandError(Exception):
+    """A controller's command can't be written."""
+
+
 class ControllerManager:
-    """Runs the active controllers, one a joint, into one command."""
+    """Runs the active controllers, one an interface of each joint, into one command."""
 
     def __init__(self, robot: RobotState, gains: Gains):
         n = len(robot.joints)
         self.robot, self.gains = robot, gains
         self.active: list[Controller] = []
+        """in the order of their updates: who commands another one's references goes before it"""
         self.command = JointCommand(n)
         """this cycle's set-points, before the final limits"""
-        self.claims = np.zeros(n, np.uint8)
-        """(n,) index into daemon.exchange.CONTROLLERS of each joint's controller; 0: none"""
+        self.claims = np.zeros((len(COMMANDED), n), np.uint8)
+        """(5, n) who commands each interface (rows as in JointCommand.table): index into daemon.exchange.CONTROLLERS, or its
+        `code`; 0: nobody"""
+        self.changes = 0
+        """how often who is active has changed"""
+        self.failures: list[Controller] = []
+        """what failed (`error` says why) and has been replaced; whoever has dealt with them clears it"""
         self._rated_torque = robot.kinematics.description.torque_limit
+        self._steps: list[tuple[Controller, JointCommand]] = []
+        self._failing: list[Controller] = []
         self._offset = np.zeros(n)
         self._since_switch = np.full(n, np.inf)
         self._switched = np.zeros(n, bool)
@@ -55,67 +90,128 @@ class ControllerManager:
 
     def enable(self) -> None:
         """Hold every joint where it is measured, from this cycle on: the drives have just come to life."""
-        hold = Hold(np.arange(len(self.claims)), self.gains, self.robot.joints.position)
+        hold = Hold(np.arange(len(self.robot.joints)), self.gains, self.robot.joints.position)
         # There is no torque to continue from: the brakes carried the robot until now. Nor is there a switch to smooth, though
         # one may have been begun in the cycle in which the robot was stopped.
         self._since_switch[:] = np.inf
         self._switched[:] = False
         self._settled = True
-        self._set([hold])
+        self._set([hold], np.full_like(self.claims, _HOLD))
 
     def release_all(self) -> None:
         """Take away every claim at once; nothing is commanded any more."""
-        self._set([])
+        self._set([], np.zeros_like(self.claims))
 
     def switch(self, go: Sequence[Controller], come: Sequence[Controller], last: JointCommand) -> None:
-        """End some controllers and start others, in this cycle; `hold` gets the joints that are left over.
+        """End some controllers and start others, in this cycle; `hold` gets what is left over.
 
-        `last` is the command as it was last written, from which the newcomers start. Raises ClaimError, and changes nothing,
-        when a joint would be claimed twice.
+        `last` is the command as it was last written, from which the newcomers start. Raises ClaimError, ChainError or
+        ActivationError, and changes nothing.
         """
-        stay = [c for c in self.active if not isinstance(c, Hold) and all(c is not other for other in go)]
-        free = np.ones(len(self.claims), bool)
-        for controller in (*stay, *come):
-            if not free[controller.joints].all():
-                raise ClaimError(int(controller.joints[int(np.argmin(free[controller.joints]))]))
-            free[controller.joints] = False
-        # A joint that was held goes on being held at the same command: to its drive nothing happens.
-        was_held = self.claims == CONTROLLERS.index(Hold.name)
-        fresh: list[Controller] = list(come)
-        if free.any():
-            fresh.append(Hold(np.flatnonzero(free), self.gains, self._hold_position(last)))
+        stay = [c for c in self.active if not isinstance(c, Hold) and not _among(c, go)]
+        claims = _claims([*stay, *come], self.claims.shape)
+        free = claims == 0
+        to_hold = free.any(axis=0)
+        fresh = sorted(come, key=_depth)
+        if to_hold.any():
+            fresh.insert(0, Hold(np.flatnonzero(to_hold), self.gains, self._hold_position(last), free))
+            claims[free] = _HOLD
         for controller in fresh:
-            controller.activate(self.robot, last)
+            try:
+                controller.activate(self.robot, last if controller.onto is None else controller.onto.reference)
+            except Exception as error:
+                controller.error = error
+                self.failures.append(controller)
+                raise ActivationError(controller) from error
+        gone = [controller for controller in self.active if _among(controller, go)]
+        for controller in (*gone, *fresh):
             self._switched[controller.joints] = True
-        self._switched[free & was_held] = False
+        for controller in gone:
+            if controller.onto is not None:
+                controller.onto.stand(controller.joints)
+        # A joint that was held goes on being held at the same command: to its drive nothing happens.
+        self._switched[((claims == _HOLD) & (self.claims == _HOLD)).all(axis=0)] = False
         self._settled = False
-        self._set([*stay, *fresh])
+        self._set([*stay, *fresh], claims)
 
     def update(self, last: JointCommand) -> JointCommand:
         """This cycle's command from all active controllers; `last` is the command as it was last written.
 
         What a switch would make jump in the drives' torque, at the state measured now, is added as an offset that is let go
-        over `FADE` seconds.
+        over `FADE` seconds. A controller that raises an exception is replaced in this cycle; `failures` then tells.
         """
-        for controller in self.active:
-            controller.update(self.robot, self.command)
+        self._run(self._steps)
+        if self._failing:
+            self._replace(last)
         if not self._settled:
-            self._smooth_switch(last)
+            self._take_bumps(last)
+            fading = np.flatnonzero(self._since_switch < FADE)
+            self._add_offsets(fading)
+            self._since_switch += self.robot.period
+            self._settled = not len(fading)
         return self.command
 
-    def _smooth_switch(self, last: JointCommand) -> None:
-        state = self.robot.joints
+    def fail(self, joint: int, last: JointCommand) -> bool:
+        """Replace whoever commands `joint`: what it commands can't be written. False when nothing but `hold` does.
+
+        What takes over has been run into `command`.
+        """
+        guilty = [c for c in self.active if joint in c.joints and c.onto is None and not isinstance(c, Hold)]
+        for controller in guilty:
+            self._blame(controller, CommandError(f"what it commands joint {joint} may not be written"))
+        if guilty:
+            anew = self._replace(last)
+            self._take_bumps(last)
+            self._add_offsets(np.flatnonzero(anew & (self._since_switch < FADE)))
+        return bool(guilty)
+
+    def _run(self, steps: Iterable[tuple[Controller, JointCommand]]) -> None:
+        for controller, out in steps:
+            try:
+                controller.update(self.robot, out)
+            except Exception as error:  # noqa: BLE001 - a user's code may raise anything, and the robot goes on
+                self._blame(controller, error)
+                if controller.onto is not None:
+                    controller.onto.recall()
+
+    def _blame(self, controller: Controller, error: Exception) -> None:
+        controller.error = error
+        self._failing.append(controller)
+
+    def _replace(self, last: JointCommand) -> NDArray[np.bool_]:
+        """Give what the failing controllers claim to their fallbacks, or to `hold`, and run those; (n,) what they command."""
+        anew = np.zeros(self.claims.shape[1], bool)
+        while self._failing:
+            failed, self._failing = self._failing, []
+            go = [*failed, *(c for c in self.active if _rests_on(c, failed) and not _among(c, failed))]
+            come = [f for c in go for f in c.fallbacks if f.error is None and not _among(f, self.active)]
+            before = self.active
+            try:
+                self.switch(go, come, last)
+            except (
+                SwitchError
+            ):  # a fallback that can't take over now: another claims one of its joints, or it failed itself
+                self.switch(go, [], last)
+            self.failures += failed
+            steps = [step for step in self._steps if not _among(step[0], before)]
+            self._run(steps)
+            for controller, _ in steps:
+                anew[controller.joints] = True
+        return anew
+
+    def _take_bumps(self, last: JointCommand) -> None:
+        """What the switches of this cycle would make jump at the drives."""
         if self._switched.any():
+            state = self.robot.joints
             before = effective_torque(last, state.position, state.velocity)
             after = effective_torque(self.command, state.position, state.velocity)
             self._offset[self._switched] = (before - after)[self._switched]
             self._since_switch[self._switched] = 0.0
             self._switched[:] = False
-        fading = np.flatnonzero(self._since_switch < FADE)
-        for joint in fading:
+
+    def _add_offsets(self, joints: NDArray[np.int64]) -> None:
+        for joint in joints:
             self.command.torque[joint] += self._offset[joint] * fade(self._since_switch[joint], FADE)
-        self._since_switch += self.robot.period
-        self._settled = not len(fading)
 
     def _hold_position(self, last: JointCommand) -> Array:
         """(n,) rad where to hold joints: where they were commanded to be.
@@ -128,8 +224,45 @@ class ControllerManager:
         within_reach = np.clip(last.position, measured - reach, measured + reach)
         return np.where(last.stiffness < 0.5 * stiffness, within_reach, last.position)
 
-    def _set(self, active: list[Controller]) -> None:
-        self.active = active
-        self.claims[:] = 0
-        for controller in active:
-            self.claims[controller.joints] = CONTROLLERS.index(controller.name)
+    def _set(self, active: list[Controller], claims: NDArray[np.uint8]) -> None:
+        self.active = sorted(active, key=_depth, reverse=True)
+        self._steps = [(c, self.command if c.onto is None else c.onto.reference) for c in self.active]
+        self.claims[...] = claims
+        self.changes += 1
+
+
+def _claims(controllers: Sequence[Controller], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """(5, n) what these claim of the robot. Raises ClaimError, ChainError."""
+    of_robot = np.zeros(shape, np.uint8)
+    of_controller: dict[int, NDArray[np.uint8]] = {}
+    for controller in controllers:
+        table, interfaces, onto = of_robot, controller.interfaces, controller.onto
+        if onto is not None:
+            if not _among(onto, controllers):
+                raise ChainError(controller)
+            strange = ~np.isin(controller.joints, onto.joints)
+            if strange.any():
+                raise ChainError(controller, int(controller.joints[int(np.argmax(strange))]))
+            table = of_controller.setdefault(id(onto), np.zeros(shape, np.uint8))
+            interfaces = tuple(name for name in interfaces if name in onto.references)
+        place = np.ix_(rows_of(interfaces), controller.joints)
+        taken = table[place].any(axis=0)
+        if taken.any():
+            raise ClaimError(int(controller.joints[int(np.argmax(taken))]))
+        table[place] = controller.code if controller.code >= 0 else CONTROLLERS.index(controller.name)
+    return of_robot
+
+
+def _depth(controller: Controller) -> int:
+    """How many controllers stand between this one and the robot."""
+    return 0 if controller.onto is None else 1 + _depth(controller.onto)
+
+
+def _rests_on(controller: Controller, others: Collection[Controller]) -> bool:
+    """Whether it commands the references of one of `others`, or of one that does."""
+    onto = controller.onto
+    return onto is not None and (_among(onto, others) or _rests_on(onto, others))
+
+
+def _among(controller: Controller, others: Iterable[Controller]) -> bool:
+    return any(controller is other for other in others)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daemon.actions import ActionTable, Refusal
+from daemon.controller_table import ControllerTable
 from daemon.devices import Devices
 from daemon.exchange import Answer, Command, CommandReader, Kind, Rule, decode
 from daemon.life import Life
@@ -21,11 +22,13 @@ class Orders:
         frames: Sequence[str],
         life: Life,
         actions: ActionTable,
+        controllers: ControllerTable,
         devices: Devices,
         holds: TimeHolds,
     ):
         self._mailbox, self._frames = mailbox, frames
         self._life, self._actions, self._devices, self._holds = life, actions, devices, holds
+        self._controllers = controllers
         self.answered = 0
         """serial of the command handled last"""
         self.answer = Refusal(Answer.NONE)
@@ -91,4 +94,16 @@ class Orders:
                 return None if self._holds.add(command.owner, command.value) else Refusal(Answer.TOO_MANY)
             case Kind.RELEASE_TIME:
                 self._holds.release(command.owner)
+            case Kind.LOAD:
+                return self._controllers.load(command.text)
+            case Kind.CONFIGURE:
+                return self._controllers.configure(command.go, command.action, command.text)
+            case Kind.UNLOAD:
+                return self._controllers.unload(command.go, command.action)
+            case Kind.SWITCH:
+                if life.stopped:
+                    return Refusal(Answer.STOP_LATCHED)
+                if not life.enabled:
+                    return Refusal(Answer.NOT_ENABLED)
+                return self._controllers.switch(command.come, command.go, command.action, last)
         return None

@@ -155,12 +155,16 @@ class Reporter:
         return True
 
     def status(
-        self, owner_name: Callable[[int], str], processes: dict[str, str], bus_states: Mapping[str, str]
+        self,
+        owner_name: Callable[[int], str],
+        processes: dict[str, str],
+        bus_states: Mapping[str, str],
+        loaded: Mapping[int, str],
     ) -> DaemonStatus:
         """The daemon's status now.
 
         `processes`: health of the service's processes, as its supervisor tells it; `bus_states`: channel → the error state of
-        the daemon's node there, where it is known.
+        the daemon's node there, where it is known; `loaded`: code → name of the controllers that were loaded by name.
         """
         if self.snapshot is None or not self.alive:
             latched = self.latched()
@@ -186,7 +190,7 @@ class Reporter:
             stopped=Flag.STOPPED in flags,
             stop_reason=_text(newest["stop_reason"]),
             drives=drive_statuses(newest, self._description),
-            controllers=active_controllers(newest, self._description.joints),
+            controllers=active_controllers(newest, self._description.joints, loaded),
             action=self._running_action(newest),
             loop=self._loop_statistics(newest),
             buses=self._bus_statistics(newest, bus_states),

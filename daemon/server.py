@@ -19,6 +19,7 @@ import zmq
 
 from daemon import exchange
 from daemon.bus_watch import BusWatch
+from daemon.controller_desk import ControllerDesk
 from daemon.device_reports import other_columns
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.drive_reports import drive_problems
@@ -30,6 +31,7 @@ from daemon.mailbox import MailboxFull, MailboxWriter
 from daemon.owners import Owners
 from daemon.reporter import Reporter
 from daemon.ring import StateRingReader
+from daemon.roster import roster_file
 from daemon.safety.report import safety_report
 from daemon.timing import TimingReader, loop_timing
 from daemon.validation import check_gripper, check_power, check_start
@@ -46,6 +48,9 @@ _STOP_TIMEOUT_S = 0.3
 _STATUS_PERIOD_S = 0.2
 _WATCH_PERIOD_S = 0.1
 _RECONNECT_S = 0.3
+_ROSTER_WAIT_S = 0.005
+"""the roster is a file, and rings no bell: it is there a moment after the snapshot that names it"""
+_ABOUT_CONTROLLERS = (exchange.Answer.CONTROLLER_STATE, exchange.Answer.CHAIN_BROKEN, exchange.Answer.NOT_ACTIVATED)
 _NO_LOOP = "the daemon's loop is not running; its supervisor starts it anew, and nothing moves before Enable"
 
 
@@ -72,6 +77,7 @@ class Server:
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
         self._reporter = Reporter(description, clock, self._journal, columns)
+        self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
         # Counts on across restarts of this server: the loop must never see a serial twice.
         self._serial = time.monotonic_ns()
@@ -91,6 +97,11 @@ class Server:
             m.GetTiming: self._tell_timing,
             m.GetHardware: lambda _: self._hardware(),
             m.GetSafety: lambda _: self._safety(),
+            m.GetControllers: lambda _: self._desk.list(self._with_roster()),
+            m.LoadController: lambda call: self._ask_about_controllers(self._desk.load, call),
+            m.ConfigureController: lambda call: self._ask_about_controllers(self._desk.configure, call),
+            m.SwitchControllers: lambda call: self._ask_about_controllers(self._desk.switch, call),
+            m.UnloadController: lambda call: self._ask_about_controllers(self._desk.unload, call),
             m.Enable: lambda _: self._ask(Kind.ENABLE),
             m.Disable: lambda _: self._ask(Kind.DISABLE),
             m.Stop: self._stop,
@@ -143,9 +154,14 @@ class Server:
             if self._generation:
                 self._lose_loop("the daemon's loop was started anew")
                 self._latch_stop_again()
+            self._desk.begin_anew()
             self._generation = self._ring.generation
         for message in self._reporter.follow(snapshots):
             self._publisher.send(message)
+        if (newest := self._reporter.snapshot) is not None:
+            self._desk.look(newest)
+            for event in self._desk.news():
+                self._publisher.send(event)
         if awaited and (rows := np.flatnonzero(snapshots["answered"] == awaited)).size:
             row = snapshots[rows[0]]
             return int(row["answer"]), int(row["answer_joint"]), float(row["answer_value"])
@@ -168,7 +184,8 @@ class Server:
             self._post_unasked(Kind.LOSE_OWNER, owner=owner)
 
     def _status(self) -> m.DaemonStatus:
-        return self._reporter.status(self._owners.name, read_health(self._runtime.folder), self._bus.states())
+        health, buses = read_health(self._runtime.folder), self._bus.states()
+        return self._reporter.status(self._owners.name, health, buses, self._desk.names())
 
     def _hardware(self) -> m.HardwareStatus:
         snapshot = self._reporter.snapshot if self._reporter.alive else None
@@ -230,7 +247,27 @@ class Server:
             if code in (exchange.Answer.DEVICE_SILENT, exchange.Answer.ENABLED):
                 named = tuple(device.name for device in self._description.devices)
             name = named[joint] if joint >= 0 else ""
-            raise refuse(*exchange.explain(exchange.Answer(code), name, value, self._reporter.drive_problem(name)))
+            controller = self._desk.name_of(value) if code in _ABOUT_CONTROLLERS else ""
+            problem = self._reporter.drive_problem(name)
+            raise refuse(*exchange.explain(exchange.Answer(code), name, value, problem, controller))
+
+    def _with_roster(self) -> np.ndarray:
+        """The newest snapshot, once the roster that it is about has been written. RefusedError: there is none."""
+        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+        while True:
+            self._publish_news()
+            snapshot = self._reporter.snapshot
+            if snapshot is None or not self._reporter.alive:
+                raise refuse(_NO_LOOP)
+            if self._desk.look(snapshot):
+                return snapshot
+            if (left := deadline - time.monotonic()) <= 0:
+                raise refuse(f"the daemon's loop has not said in {_ANSWER_TIMEOUT_S:g} s which controllers are loaded")
+            self._doorbell.wait(min(left, _ROSTER_WAIT_S))
+
+    def _ask_about_controllers(self, encode: Any, call: m.Message) -> None:
+        self._with_roster()
+        self._require_accepted(self._post(*encode(call, self._count())))
 
     def _start(self, call: m.StartAction) -> None:
         self._publish_news()  # judge it by the newest snapshot

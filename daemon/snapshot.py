@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from daemon.actions import Action, ActionTable
+from daemon.controller_table import ControllerTable
 from daemon.exchange import MAX_HOLDS, ActionState, Flag, StateWriter
 from daemon.life import Life
 from daemon.manager import ControllerManager
@@ -36,11 +37,12 @@ class SnapshotWriter:
         manager: ControllerManager,
         life: Life,
         actions: ActionTable,
+        controllers: ControllerTable,
         orders: Orders,
     ):
         self._ring, self._record = ring, ring.record
         self._hardware, self._robot, self._manager = hardware, robot, manager
-        self._life, self._actions, self._orders = life, actions, orders
+        self._life, self._actions, self._controllers, self._orders = life, actions, controllers, orders
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
         self._written: list[tuple[int, ActionState] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
@@ -62,7 +64,6 @@ class SnapshotWriter:
         self._copies = [
             (_block(record, state.memory, {name: getattr(state, name) for name in measured}), state.memory),
             (_side_by_side(record, _TRAFFIC), hardware.counters.T),
-            (record["claims"], manager.claims),
         ]
         if len(devices := hardware.devices):
             parts = {
@@ -107,7 +108,8 @@ class SnapshotWriter:
         flags = self._life.flags | (_HELD if holding else 0)
         stale, refused = self._hardware.stale_replies, self._hardware.crc_errors
         _PACKED.pack_into(self._numbers, 0, cycle, time_ns, misses, stale, refused, limited, work_ns, late_ns, flags)
-        news = (flags, self._life.stop_reason, self._orders.answered, tuple(holding))
+        switches, roster = self._manager.changes, self._controllers.roster
+        news = (flags, self._life.stop_reason, self._orders.answered, tuple(holding), switches, roster)
         happened = self._write_actions(written, time_ns)
         if news != self._news:
             self._news, happened = news, True
@@ -122,11 +124,13 @@ class SnapshotWriter:
         self._identities = hardware.identities
 
     def _write_news(self, holding: list[int]) -> None:
-        """What changes seldom: the answer to a command, who holds time, why the robot is stopped."""
+        """What changes seldom: the answer to a command, who holds time, who commands what, why the robot is stopped."""
         record, answer = self._record, self._orders.answer
         record["answered"], record["answer"] = self._orders.answered, int(answer.answer)
         record["answer_joint"], record["answer_value"] = answer.joint, answer.value
         record["holds"][:] = holding + [0] * (MAX_HOLDS - len(holding))
+        record["claims"], record["controller_states"] = self._manager.claims, self._controllers.states()
+        record["roster"] = self._controllers.roster
         record["stop_reason"] = _truncated(self._life.stop_reason, record.dtype["stop_reason"].itemsize)
 
     def _write_actions(self, written: JointCommand, time_ns: int) -> bool:

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from daemon.exchange import MAX_ENDS, Flag
+from daemon.exchange import CONTROLLERS, MAX_ENDS, Flag
+from daemon.roster import Loaded, Roster
 from handrail.messages import (
     CartesianImpedance,
     CommandGripper,
@@ -20,6 +21,7 @@ from handrail.messages import (
     EndCondition,
     ForceEnd,
     JointTrajectory,
+    LoadController,
     PoseErrorEnd,
     StallEnd,
     StartAction,
@@ -97,6 +99,52 @@ def check_power(message: SwitchRelay, description: RobotDescription) -> int:
     return _device(message.power, "power", "power supply", description)
 
 
+def check_load(
+    message: LoadController,
+    description: RobotDescription,
+    roster: Roster,
+    kinds: Collection[str],
+    size: int,
+    largest: int,
+) -> None:
+    """Raise RefusedError unless the workshop may be given this to load.
+
+    `kinds`: that there are; `size`: of the message as JSON, bytes, of which there may be `largest`.
+    """
+    names = [entry.name for entry in roster.loaded]
+    if message.name in (*names, *CONTROLLERS):
+        raise refuse("a controller of this name is there already", "name", message.name, "a name of its own")
+    if message.kind not in kinds:
+        raise refuse("there is no such kind of controller", "kind", message.kind, _nearest(message.kind, kinds))
+    _rows(message.joints, description, "joints", "a controller claims")
+    if size > largest:
+        raise refuse("its parameters are too long", "parameters", f"{size} bytes", f"at most {largest}")
+    if message.onto:
+        onto = check_loaded(message.onto, "onto", roster)
+        if not onto.references:
+            able = [entry.name for entry in roster.loaded if entry.references]
+            raise refuse("that one has no references", "onto", message.onto, f"one of {able}, or none")
+        for place, joint in enumerate(message.joints):
+            if joint not in onto.joints:
+                raise refuse(
+                    f"{message.onto} has no references for it",
+                    f"joints[{place}]",
+                    joint,
+                    f"of {', '.join(onto.joints)}",
+                )
+    for place, name in enumerate(message.fallback):
+        check_loaded(name, f"fallback[{place}]", roster)
+
+
+def check_loaded(name: str, field: str, roster: Roster) -> Loaded:
+    """The loaded controller of this name. Raises RefusedError where there is none."""
+    for entry in roster.loaded:
+        if entry.name == name:
+            return entry
+    names = [entry.name for entry in roster.loaded]
+    raise refuse("no such controller is loaded", field, name, _nearest(name, names) if names else "a loaded controller")
+
+
 def _device(name: str, family: str, what: str, description: RobotDescription) -> int:
     """Row of a device of this family, which is also the message's field."""
     known = {device.name: row for row, device in enumerate(description.devices) if device.family == family}
@@ -120,11 +168,13 @@ def _check_state(snapshot: np.ndarray) -> None:
         raise refuse("the robot is not enabled: call Enable first", "enabled", "false", "true")
 
 
-def _rows(joints: Sequence[str], description: RobotDescription) -> np.ndarray:
+def _rows(
+    joints: Sequence[str], description: RobotDescription, within: str = "motion.joints", who: str = "an action moves"
+) -> np.ndarray:
     if not joints:
-        raise refuse("an action moves at least one joint", "motion.joints", "[]", "names of joints")
+        raise refuse(f"{who} at least one joint", within, "[]", "names of joints")
     for column, joint in enumerate(joints):
-        field = f"motion.joints[{column}]"
+        field = f"{within}[{column}]"
         if joint not in description.joints:
             raise refuse(f"{description.name} has no such joint", field, joint, _nearest(joint, description.joints))
         if joint in joints[:column]:

@@ -29,6 +29,7 @@ _VERBS = {
     "daemon": "The control daemon: how long its loop's cycles take, and how late they are.",
     "hardware": "Every drive and device of the robot that is up: life, state, errors, versions.",
     "safety": "Which safety rule holds the robot that is up, why, and how to recover.",
+    "controllers": "Controllers of the robot that is up: list, load, configure, switch and unload them while it runs.",
     "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
     "program": "Check or run a program of the library.",

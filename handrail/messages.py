@@ -281,7 +281,7 @@ class ActionEvent(Message):
     cycle: int
     outcome: str = ""
     """ended: `done` (trajectory finished), the name of the end condition that tripped, `cancelled`, `stopped`, `owner_lost`,
-    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`"""
+    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`, `controller_error` (a ControllerEvent has the traceback)"""
     detail: str = ""
     position: list[float] = []
     """rad, measured in that cycle"""
@@ -395,6 +395,102 @@ class HardwareStatus(Message):
     """Answer to GetHardware: drives in the order of RobotInfo.joints, then devices."""
 
     components: list[HardwareComponent]
+
+
+@_travels(priority=1)
+class GetControllers(Message):
+    """Which controllers are loaded or active, and which could be loaded."""
+
+
+class ControllerInfo(msgspec.Struct, kw_only=True):
+    """A controller that was loaded by name, or that the daemon runs by itself (`hold`, and those of actions)."""
+
+    name: str
+    kind: str
+    state: str
+    """ros2_control's word: unconfigured, inactive or active; `loading` on the way from one to the next"""
+    joints: list[str]
+    """that it claims, or will"""
+    interfaces: list[str]
+    """what it claims of them: position, velocity, torque, stiffness, damping"""
+    onto: str = ""
+    """the controller whose references it commands instead of the robot; empty: the robot"""
+    references: list[str] = []
+    """what others may command of it"""
+    fallback: list[str] = []
+    """which controllers take over when it fails; what they leave over is held"""
+    parameters: dict[str, Any] = {}
+    error: str = ""
+    """why it could not be loaded or configured, or failed since, with the traceback"""
+
+
+class ControllerList(Message):
+    """Answer to GetControllers."""
+
+    controllers: list[ControllerInfo]
+    kinds: list[str]
+    """what may be loaded: built in, and the files of the workspace's folder `controllers`"""
+    lost: dict[str, str] = {}
+    """what could not be loaded lately, and why"""
+
+
+@_travels(priority=1)
+class LoadController(Message):
+    """Load a controller by name, so that it can be switched on later. It is imported, made and tried beside the loop, which goes
+    on: the answer comes at once, a ControllerEvent when it is there, or why it is not (GetControllers tells, too).
+    """
+
+    name: Name
+    """by which it is called from then on"""
+    kind: Name
+    """one of ControllerList.kinds"""
+    joints: list[Name]
+    """that it will claim"""
+    parameters: dict[str, Any] = {}
+    """what its kind takes"""
+    onto: str = ""
+    """a loaded controller with references, which it will command instead of the robot"""
+    fallback: list[Name] = []
+    """loaded controllers that take over in the cycle in which it fails; what they leave over is held"""
+    configure: bool = True
+    """False: it stays unconfigured until ConfigureController"""
+
+
+@_travels(priority=1)
+class ConfigureController(Message):
+    """Make a loaded controller anew, which is not active, beside the loop; it is inactive then. Answered as LoadController is."""
+
+    name: Name
+    parameters: dict[str, Any] | None = None
+    """None: as before"""
+
+
+@_travels(priority=1)
+class SwitchControllers(Message):
+    """Start and end loaded controllers, all of them in one cycle or, refused, none. What is left over is held, without a jump."""
+
+    activate: list[Name] = []
+    deactivate: list[Name] = []
+
+
+@_travels(priority=1)
+class UnloadController(Message):
+    """Forget a loaded controller that is not active, and that no active one falls back to or rests on."""
+
+    name: Name
+
+
+@_travels(priority=2, remote=True)
+class ControllerEvent(Message):
+    """A controller was loaded, made or lost; switches are told in DaemonStatus.controllers."""
+
+    name: str
+    state: Literal["loading", "unconfigured", "inactive", "finalized"]
+    """that it is in now; finalized: it could not be loaded, and is forgotten"""
+    time_ns: int
+    cycle: int
+    detail: str = ""
+    """what it raised, with the traceback; empty: all is well"""
 
 
 @_travels(priority=1, remote=True)
@@ -666,6 +762,7 @@ GetStatus.Reply = DaemonStatus
 GetTiming.Reply = LoopTiming
 GetHardware.Reply = HardwareStatus
 GetSafety.Reply = SafetyReport
+GetControllers.Reply = ControllerList
 
 DaemonCall = (
     GetRobot
@@ -673,6 +770,11 @@ DaemonCall = (
     | GetTiming
     | GetHardware
     | GetSafety
+    | GetControllers
+    | LoadController
+    | ConfigureController
+    | SwitchControllers
+    | UnloadController
     | Enable
     | Disable
     | Stop
@@ -687,7 +789,7 @@ DaemonCall = (
     | CommandGripper
     | SwitchRelay
 )
-DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates
+DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates | ControllerEvent
 SensorEvent = PointCloud
 """what a camera's process publishes (topic `sensors.events`)"""
 
@@ -1024,6 +1126,7 @@ Answer = (
     | LoopTiming
     | HardwareStatus
     | SafetyReport
+    | ControllerList
     | InstanceState
     | Instances
     | PlanPreview

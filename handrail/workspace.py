@@ -27,10 +27,10 @@ def search_path(kind: str, package: str, folder: str = "") -> list[Path]:
     return folders
 
 
-def files(folders: list[Path]) -> dict[str, Path]:
-    """NAME → NAME.yaml of everything in the folders."""
+def files(folders: list[Path], suffix: str = ".yaml") -> dict[str, Path]:
+    """NAME → NAME.yaml (or another suffix) of everything in the folders."""
     found: dict[str, Path] = {}
     for folder in folders:
-        for file in sorted(folder.glob("*.yaml")):
+        for file in sorted(folder.glob(f"*{suffix}")):
             found.setdefault(file.stem, file)
     return found

@@ -35,7 +35,7 @@ def delete_leftovers(package: Path) -> None:
 
 def _robot() -> None:
     """What bus, drives, plant and loop are made of."""
-    from daemon import loop
+    from daemon.warm_up import warm_up
     from hal.can.hub import Hub
     from hal.can.port import HubPort
     from hal.drives.protocol import LimbProtocol
@@ -49,7 +49,7 @@ def _robot() -> None:
 
     description = robots.load(ROBOT)
     protocol = LimbProtocol(description)
-    loop.warm_up(Kinematics(description))
+    warm_up(Kinematics(description))
     with tempfile.TemporaryDirectory(prefix="hr") as folder:
         hub = Hub(Path(folder) / "bus.sock", description.channels)
         joined = threading.Event()

@@ -1,18 +1,25 @@
-"""What a controller is to the manager: it claims joints and writes their set-points once a cycle while it is active."""
+"""What a controller is to the manager: it claims joints and writes their set-points once a cycle while it is active.
+
+`Controller` commands the robot, or the references of a `ChainableController` as if they were the robot; `MotionController` runs
+along a path for an action.
+"""
 
 from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.references import PathClock
 from daemon.robot_state import RobotState
-from hal.joint import JointCommand, Mode
+from hal.joint import COMMANDED, JointCommand, Mode
 from handrail.compiled import compiled
+from handrail.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 
@@ -34,23 +41,64 @@ class Gains:
         return np.array([self.stiffness, self.damping], float)
 
 
+def rows_of(interfaces: Sequence[str]) -> NDArray[np.int64]:
+    """Rows of JointCommand.table."""
+    return np.array([COMMANDED.index(name) for name in interfaces], np.int64)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a controller that is loaded by name is made from."""
+
+    joints: NDArray[np.int64]
+    """(m,) that it will claim"""
+    gains: Gains
+    """(n,) of the whole robot"""
+    kinematics: Kinematics
+    period: float
+    """s, of the loop"""
+    parameters: Mapping[str, Any]
+    """as the user gave them"""
+
+
 class Controller(ABC):
     """Commands the joints that it claims; `joints` are their rows in the description's order.
 
-    Life: made (unconfigured) → `activate` → `update` every cycle, until the manager takes its claims away. A controller is used
-    once. It never sees another controller's joints and knows nothing of limits, which come after it.
+    Life: made → `activate` → `update` every cycle, until the manager takes its claims away; it may then be activated again. It
+    never sees another controller's joints and knows nothing of limits, which come after it. What it raises in `activate` backs
+    the switch out; what it raises in `update` gives its joints to its fallback in that cycle.
     """
 
     name: str = "user"
     """one of daemon.exchange.CONTROLLERS"""
+    interfaces: tuple[str, ...] = COMMANDED
+    """what it claims of its joints, of hal.joint.COMMANDED; the rest is held"""
+    code = -1
+    """of a controller that was loaded by name: what stands for it in the snapshot's claims"""
+    onto: ChainableController | None = None
+    """whose references it writes, instead of the robot's command"""
+    fallbacks: tuple[Controller, ...] = ()
+    """what takes over when it fails; what they leave over is held"""
+    error: Exception | None = None
+    """why it was taken out of service"""
 
     def __init__(self, joints: NDArray[np.int64], gains: Gains):
         self.joints = joints
         self.gains = gains
 
+    @classmethod
+    def make(cls, setup: Setup) -> Self:
+        """One that was loaded by name. Runs beside the loop, never in a cycle: whatever takes long belongs here.
+
+        Raises ValueError for parameters that are not right.
+        """
+        if setup.parameters:
+            raise ValueError(f"parameters: {', '.join(setup.parameters)}; expected none")
+        return cls(setup.joints, setup.gains)
+
     @abstractmethod
     def activate(self, robot: RobotState, last: JointCommand) -> None:
-        """Start from `last`, the command written in the cycle before."""
+        """Start from `last`, the command written in the cycle before (or the references followed in it)."""
 
     @abstractmethod
     def update(self, robot: RobotState, out: JointCommand) -> None:
@@ -68,6 +116,43 @@ def _impedance(rows, position, velocity, gravity, gains, out, mode):  # type: ig
         out[0, j], out[1, j], out[2, j], out[3, j], out[4, j], mode[j] = (
             position[i], velocity[i], gravity[j], gains[0, j], gains[1, j], _IMPEDANCE,
         )  # fmt: skip
+
+
+class ChainableController(Controller):
+    """A controller that others may command: they write into `reference` as if it were the robot's command.
+
+    Where nobody does, its references stand still. `reference` (n,) has the robot's rows; only those of `joints` count.
+    """
+
+    references: tuple[str, ...] = ("position", "velocity")
+    """rows of `reference` that it follows, of hal.joint.COMMANDED: what others may claim of it"""
+
+    def __init__(self, joints: NDArray[np.int64], gains: Gains):
+        super().__init__(joints, gains)
+        self.reference = JointCommand(len(gains.stiffness))
+        self._followed = self.reference.memory.copy()
+
+    def activate(self, robot: RobotState, last: JointCommand) -> None:
+        """Start from `last`; an override calls this first."""
+        self.reference.copy_from(last)
+        self.stand(self.joints)
+
+    def update(self, robot: RobotState, out: JointCommand) -> None:
+        self.follow(robot, out)
+        self._followed[...] = self.reference.memory
+
+    @abstractmethod
+    def follow(self, robot: RobotState, out: JointCommand) -> None:
+        """As `Controller.update`, towards `reference` as it is in this cycle."""
+
+    def stand(self, joints: NDArray[np.int64]) -> None:
+        """Nobody writes the references of these rows any more: they stay where they are."""
+        self.reference.velocity[joints] = 0.0
+        self._followed[...] = self.reference.memory
+
+    def recall(self) -> None:
+        """Who wrote the references failed on the way: what was followed last counts again."""
+        self.reference.memory[...] = self._followed
 
 
 class MotionController(Controller):

@@ -29,6 +29,7 @@ from handrail.messages import (
 
 MOTION_TRAJECTORY, MOTION_CARTESIAN = 1, 2
 _OF_DEVICES = (Kind.DEVICE, Kind.RELAY)
+_OF_CONTROLLERS = (Kind.LOAD, Kind.CONFIGURE, Kind.SWITCH, Kind.UNLOAD)
 _END_VALUES: dict[type, str] = {
     TimeEnd: "after",
     PoseErrorEnd: "position",
@@ -59,6 +60,17 @@ def encode_device(serial: int, device: int, values: Sequence[float], kind: Kind 
     header["device"] = device
     header["device_values"][: len(values)] = values
     return header
+
+
+def encode_controllers(
+    kind: Kind, serial: int, *, come: int = 0, go: int = 0, roster: int = 0, text: bytes = b""
+) -> tuple[np.ndarray, NDArray[np.float64]]:
+    """(header, payload) of a command about loaded controllers: bit masks of slots, and JSON, padded with spaces."""
+    header = encode_command(kind, serial, action=roster)
+    header["controllers"] = come, go
+    payload = np.frombuffer(text.ljust(-(-len(text) // 8) * 8), np.float64)
+    header["payload_length"] = len(payload)
+    return header, payload
 
 
 def encode_start(
@@ -150,6 +162,11 @@ class Command:
     device: int = -1
     device_values: NDArray[np.float64] | None = None
     """hal.device's commanded columns, or what Kind.RELAY says"""
+    come: int = 0
+    """loaded controllers that start, a bit mask of slots; and those that end, or are meant"""
+    go: int = 0
+    text: bytes = b""
+    """JSON that the loop does not read"""
 
 
 def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Command:
@@ -193,6 +210,9 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
         ends=ends,
         device=int(header["device"]) if kind in _OF_DEVICES else -1,
         device_values=header["device_values"].copy() if kind in _OF_DEVICES else None,
+        come=int(header["controllers"][0]),
+        go=int(header["controllers"][1]),
+        text=payload.tobytes() if kind in _OF_CONTROLLERS else b"",
     )
 
 

@@ -18,6 +18,8 @@ MAX_JOINTS = 64
 MAX_ENDS = 16
 MAX_HOLDS = 8
 """Owners that may hold simulated time at once."""
+MAX_LOADED = 16
+"""Controllers that may be loaded by name at once."""
 COMMAND_ROWS = ("position", "velocity", "torque", "stiffness", "damping")
 """Rows of the snapshot's `command`: rad, rad/s, N·m, N·m/rad, N·m·s/rad."""
 
@@ -57,6 +59,23 @@ class Outcome(enum.IntEnum):
     """`condition` is the index in StartAction.ends"""
     STALE_STATE = 9
     """a joint that it moves has not been measured for `value` cycles"""
+    CONTROLLER_ERROR = 10
+    """its controller raised an exception, which a ControllerEvent tells"""
+
+
+class ControllerState(enum.IntEnum):
+    """ros2_control's words for a controller that was loaded by name; the lower-case name is ControllerInfo.state."""
+
+    EMPTY = 0
+    """nothing is loaded in this slot"""
+    LOADING = 1
+    """on the way from `load` or `configure` to what comes next, beside the loop"""
+    UNCONFIGURED = 2
+    """its kind is known; it has not been made, or has failed since"""
+    INACTIVE = 3
+    """made, rehearsed, ready to be switched on within a cycle"""
+    ACTIVE = 4
+    """updated in every cycle"""
 
 
 class Kind(enum.IntEnum):
@@ -78,6 +97,14 @@ class Kind(enum.IntEnum):
     """`device` follows `device_values`; a gripper's enable column is the loop's business"""
     RELAY = 11
     """`device` switches its relay: `device_values` are (1: close it, 1: though the robot is enabled)"""
+    LOAD = 12
+    """the payload is a LoadController as JSON, which the loop does not read"""
+    CONFIGURE = 13
+    """`controllers[1]` is made anew; the payload is a ConfigureController as JSON"""
+    SWITCH = 14
+    """the slots `controllers[0]` come and `controllers[1]` go (bit masks), in one cycle or not at all"""
+    UNLOAD = 15
+    """`controllers[1]` is forgotten"""
 
 
 class Answer(enum.IntEnum):
@@ -105,6 +132,14 @@ class Answer(enum.IntEnum):
     ENABLED = 13
     PROTOCOL_UNKNOWN = 14
     """the drive of `answer_joint` does not say which version of its protocol it speaks"""
+    CONTROLLER_STATE = 15
+    """the controller in slot `answer_value` is not in a state in which that can be done"""
+    CHAIN_BROKEN = 16
+    """the controller in slot `answer_value` commands references of one that would not be active, or not on `answer_joint`"""
+    NOT_ACTIVATED = 17
+    """a controller raised an exception when it should take over"""
+    ROSTER_CHANGED = 18
+    """other controllers are loaded than the caller knew of"""
 
 
 class Rule(enum.IntEnum):
@@ -137,7 +172,9 @@ class Rule(enum.IntEnum):
 
 
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
-"""Names of the codes in the snapshot's `claims`; 0: nobody commands this joint."""
+"""Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
+LOADED_CODE = 64
+"""Likewise: from here on, the slots of the controllers that were loaded by name."""
 
 _END = np.dtype(
     [("kind", "u1"), ("has_axis", "u1"), ("frame", "i2"), ("value", "f8"), ("within", "f8"), ("axis", "f8", 3)],
@@ -161,7 +198,7 @@ COMMAND = np.dtype(
         ("serial", "u8"),
         ("kind", "u4"),
         ("owner", "u4"),  # number that the server gives each owner, never 0
-        ("action", "u8"),  # CANCEL, PAUSE, RESUME: serial of the START meant
+        ("action", "u8"),  # CANCEL, PAUSE, RESUME: serial of the START meant; CONFIGURE, SWITCH, UNLOAD: roster meant
         ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s
         ("expires_ns", "i8"),
         ("motion", "u4"),
@@ -178,11 +215,12 @@ COMMAND = np.dtype(
         ("ends", _END, MAX_ENDS),
         ("device", "i4"),  # DEVICE, RELAY: row in RobotDescription.devices
         ("device_values", "f8", COMMANDED),
+        ("controllers", "u4", 2),  # SWITCH, CONFIGURE, UNLOAD: bit masks of slots, those that come and those that go
         ("payload_length", "u8"),  # float64s that follow
     ],
     align=True,
 )
-"""A command's header; a trajectory's knots follow as float64: times (k), positions (k·m), velocities (k·m)."""
+"""A command's header; a trajectory's knots follow as float64: times (k), positions (k·m), velocities (k·m). Of text, its bytes."""
 
 
 def snapshot_dtype(description: RobotDescription) -> np.dtype:
@@ -238,7 +276,9 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             # What each drive said of itself; NaN: not yet.
             ("protocol_version", "f8", n),
             ("firmware_version", "f8", n),
-            ("claims", "u1", n),  # index into CONTROLLERS
+            ("claims", "u1", (len(COMMAND_ROWS), n)),  # who commands it: index into CONTROLLERS, or LOADED_CODE + slot
+            ("controller_states", "u1", MAX_LOADED),
+            ("roster", "i8"),  # which list of loaded controllers (daemon.roster) these states are about
             ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8
             ("safety", SAFETY, len(Rule)),

@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.exchange.records import CONTROLLERS, ActionState, Answer, Outcome
+from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Outcome
 from handrail.messages import ActionEvent, EndCondition, RobotState
 
 _NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
+_NO_NAMES: Mapping[int, str] = MappingProxyType({})
 
 
 def robot_state(snapshot: np.ndarray) -> RobotState:
@@ -28,13 +29,20 @@ def robot_state(snapshot: np.ndarray) -> RobotState:
     )
 
 
-def active_controllers(snapshot: np.ndarray, joints: Sequence[str]) -> dict[str, list[str]]:
-    """Active controller → the joints that it claims."""
-    claimed: dict[str, list[str]] = {}
-    for joint, code in zip(joints, snapshot["claims"], strict=True):
-        if code:
-            claimed.setdefault(CONTROLLERS[code], []).append(joint)
-    return claimed
+def active_controllers(
+    snapshot: np.ndarray, joints: Sequence[str], loaded: Mapping[int, str] = _NO_NAMES
+) -> dict[str, list[str]]:
+    """Active controller → the joints of which it claims something. `loaded`: code → name of those that were loaded by name,
+    without which they are left out."""
+    names = {**{code: name for code, name in enumerate(CONTROLLERS) if name}, **loaded}
+    claims = snapshot["claims"]
+    found = {names[code]: (claims == code).any(axis=0) for code in np.unique(claims).tolist() if code in names}
+    return {name: [joints[row] for row in np.flatnonzero(rows).tolist()] for name, rows in found.items()}
+
+
+def claimed_interfaces(snapshot: np.ndarray, code: int) -> list[str]:
+    """What a controller claims of at least one joint, of COMMAND_ROWS."""
+    return [row for row, claimed in zip(COMMAND_ROWS, (snapshot["claims"] == code).any(axis=1), strict=True) if claimed]
 
 
 def action_event(
@@ -77,10 +85,13 @@ def action_event(
     )
 
 
-def explain(answer: Answer, joint: str, value: float, problem: str = "") -> tuple[str, str, str, str]:
+def explain(
+    answer: Answer, joint: str, value: float, problem: str = "", controller: str = ""
+) -> tuple[str, str, str, str]:
     """(message, field, value, expectation) of a command that the loop did not accept.
 
-    `joint`: that of `answer_joint`, or the device, or ""; `problem`: what is wrong with its drive, if anything.
+    `joint`: that of `answer_joint`, or the device, or ""; `problem`: what is wrong with its drive, if anything; `controller`: the
+    one in slot `answer_value`.
     """
     told = {
         Answer.ENABLED: (
@@ -96,7 +107,39 @@ def explain(answer: Answer, joint: str, value: float, problem: str = "") -> tupl
             "true",
             "false",
         ),
-        Answer.CLAIMED: (f"{joint} is claimed by another running action", "motion.joints", joint, "free joints"),
+        Answer.CLAIMED: (
+            f"{joint} is claimed by a running action or an active controller",
+            "joints",
+            joint,
+            "joints that nobody else claims",
+        ),
+        Answer.CONTROLLER_STATE: (
+            f"the state of controller {controller} does not allow that (handrail controllers list): what is inactive can be "
+            "activated, what is active deactivated; what is neither active nor needed by an active one, configured and unloaded",
+            "state",
+            controller,
+            "another state",
+        ),
+        Answer.CHAIN_BROKEN: (
+            f"controller {controller} commands another one's references, which is not active or has none "
+            f"for {joint or 'it'}: activate both in one switch, deactivate both in one switch",
+            "onto",
+            controller,
+            "a controller with references for all its joints, active after the switch",
+        ),
+        Answer.NOT_ACTIVATED: (
+            f"{controller or 'its controller'} raised an exception when it should take over; nothing was switched "
+            "(handrail controllers list, or the ControllerEvent, has the traceback)",
+            "state",
+            controller,
+            "a controller that can be activated",
+        ),
+        Answer.ROSTER_CHANGED: (
+            "controllers were loaded, configured or unloaded meanwhile: look again (handrail controllers list)",
+            "roster",
+            "old",
+            "the present one",
+        ),
         Answer.START_OFF: (
             f"the trajectory does not start where the robot is commanded to be: plan again ({joint})",
             "motion.positions[0]",

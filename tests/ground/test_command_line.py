@@ -15,6 +15,7 @@ VERBS = [
     "daemon",
     "hardware",
     "safety",
+    "controllers",
     "drives",
     "program",
     "robot",

@@ -5,19 +5,22 @@ from __future__ import annotations
 import copy
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from daemon import exchange
 from daemon.doorbell import Bell, loop_doorbell
-from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
+from daemon.exchange import LOADED_CODE, ActionState, Answer, ControllerState, Flag, Kind, Outcome
 from daemon.loop import Loop
 from daemon.mailbox import MailboxWriter
 from daemon.ring import StateRingReader
+from daemon.roster import Roster, read_roster, roster_file
 from hal.can import frames
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State
@@ -25,11 +28,27 @@ from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import JointCommand, JointState
-from handrail.messages import EndCondition, JointTrajectory, Motion, StartAction
+from handrail.messages import EndCondition, JointTrajectory, LoadController, Motion, StartAction
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime
+
+PATIENCE_S = 60.0
+SWAY = """
+import numpy as np
+from daemon.controllers.base import Controller
+
+class Sway(Controller):
+    def activate(self, robot, last):
+        self.start, self.phase = last.position[self.joints].copy(), 0.0
+
+    def update(self, robot, out):
+        self.phase += 2 * np.pi * robot.period
+        velocity = np.full(len(self.joints), 0.2 * np.pi * np.sin(self.phase))
+        self.write_impedance(robot, out, self.start + 0.1 * (1 - np.cos(self.phase)), velocity)
+"""
+"""A user's controller: swings its joints by 0.2 rad and back, once a second."""
 
 
 class JointDrives:
@@ -206,6 +225,14 @@ class Bench:
             **fields,  # type: ignore[arg-type]
         )
 
+    def give(self, kind: Kind, **fields: object) -> Answer:
+        """Put a command about controllers into the mailbox, run a cycle, and return the loop's answer."""
+        self._serial += 1
+        self._mailbox.post(*exchange.encode_controllers(kind, self._serial, **fields))  # type: ignore[arg-type]
+        snapshot = self.run()
+        assert snapshot["answered"] == self._serial
+        return Answer(int(snapshot["answer"]))
+
     def post_device(self, row: int, values: Sequence[float], kind: Kind = Kind.DEVICE) -> None:
         """Put a command for a device into the mailbox."""
         self._serial += 1
@@ -223,6 +250,71 @@ class Bench:
 
     def index(self, joint: str) -> int:
         return self._joints[joint]
+
+
+class Desk:
+    """What the server does about controllers, for a loop in the test's process."""
+
+    def __init__(self, bench: Bench):
+        self.bench, self.table = bench, bench.loop.controllers
+
+    def state(self, slot: int) -> ControllerState:
+        return ControllerState(int(self.bench.snapshot()["controller_states"][slot]))
+
+    def roster(self) -> Roster:
+        return read_roster(roster_file(self.bench.runtime))
+
+    def settle(self, slot: int) -> ControllerState:
+        """Cycle until the workshop is done with a slot and has told of it; the slot's state."""
+        gives_up = time.monotonic() + PATIENCE_S
+        while self.state(slot) is ControllerState.LOADING or self.roster().number != self.table.roster:
+            assert time.monotonic() < gives_up, "the workshop takes too long"
+            self.bench.run()
+            time.sleep(0)
+        return self.state(slot)
+
+    def begin(self, name: str, kind: str, joints: Sequence[str], **fields: object) -> int:
+        """Have a controller loaded; its slot."""
+        slot = self.bench.snapshot()["controller_states"].tolist().index(ControllerState.EMPTY)
+        call = LoadController(name=name, kind=kind, joints=list(joints), **fields)  # type: ignore[arg-type]
+        assert self.bench.give(Kind.LOAD, text=msgspec.json.encode(call)) is Answer.ACCEPTED
+        return slot
+
+    def load(self, name: str, kind: str, joints: Sequence[str], **fields: object) -> int:
+        """The slot in which it is inactive now."""
+        slot = self.begin(name, kind, joints, **fields)
+        assert self.settle(slot) is ControllerState.INACTIVE, self.roster()
+        return slot
+
+    def give(self, kind: Kind, **fields: object) -> Answer:
+        return self.bench.give(kind, **{"roster": self.table.roster, **fields})
+
+    def switch(self, come: Sequence[int] = (), go: Sequence[int] = (), **fields: object) -> Answer:
+        masks = {"come": sum(1 << slot for slot in come), "go": sum(1 << slot for slot in go)}
+        return self.give(Kind.SWITCH, **masks, **fields)
+
+    def claimed(self, slot: int) -> list[str]:
+        """Joints that it claims whole."""
+        rows = (self.bench.snapshot()["claims"] == LOADED_CODE + slot).all(axis=0)
+        return [joint for joint, row in zip(self.bench.description.joints, rows, strict=True) if row]
+
+
+@pytest.fixture
+def desk(bench: Bench) -> Desk:
+    bench.run(3)
+    return Desk(bench)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's folder of controllers, with `sway` in it, and `frail`, which sways for 0.15 s and then raises."""
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    folder = tmp_path / "controllers"
+    folder.mkdir()
+    worn_out = "        if self.phase > 0.9:\n            raise RuntimeError('worn out')\n"
+    (folder / "sway.py").write_text(SWAY)
+    (folder / "frail.py").write_text(SWAY.replace("        self.phase +=", f"{worn_out}        self.phase +="))
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -24,14 +24,14 @@ def trajectory(bench, joints: list[int]) -> JointTrajectory:
 def test_every_joint_of_an_enabled_robot_has_one_controller(bench) -> None:
     bench.enable()
     manager = bench.loop.manager
-    assert set(manager.claims) == {HOLD}
+    assert set(manager.claims.flat) == {HOLD}
     first, second = trajectory(bench, [0, 1]), trajectory(bench, [5])
     manager.switch([], [first, second], bench.loop.written)
-    assert list(np.flatnonzero(manager.claims == TRAJECTORY)) == [0, 1, 5]
-    assert sum(len(controller.joints) for controller in manager.active) == len(manager.claims)
+    assert list(np.flatnonzero(manager.claims[0] == TRAJECTORY)) == [0, 1, 5]
+    assert sum(len(controller.joints) for controller in manager.active) == manager.claims.shape[1]
     manager.switch([first], [], bench.loop.written)
-    assert list(np.flatnonzero(manager.claims == TRAJECTORY)) == [5]
-    assert sum(len(controller.joints) for controller in manager.active) == len(manager.claims)
+    assert list(np.flatnonzero(manager.claims[0] == TRAJECTORY)) == [5]
+    assert sum(len(controller.joints) for controller in manager.active) == manager.claims.shape[1]
 
 
 def test_a_switch_that_claims_a_joint_twice_changes_nothing(bench) -> None:
@@ -53,7 +53,7 @@ def test_a_controller_may_take_over_the_joints_of_one_that_goes_in_the_same_cycl
     old, new = trajectory(bench, [3]), trajectory(bench, [3, 4])
     manager.switch([], [old], bench.loop.written)
     manager.switch([old], [new], bench.loop.written)
-    assert list(np.flatnonzero(manager.claims == TRAJECTORY)) == [3, 4]
+    assert list(np.flatnonzero(manager.claims[0] == TRAJECTORY)) == [3, 4]
 
 
 def rated_jump(bench) -> float:
@@ -152,7 +152,7 @@ def test_a_switch_begun_in_the_cycle_of_a_stop_leaves_no_mark_on_the_next_enabli
     gravity = bench.drives.seen[0].torque.copy()
     assert np.abs(gravity).max() > 1.0
     manager = bench.loop.manager
-    manager.switch([], [trajectory(bench, list(range(len(manager.claims))))], bench.loop.written)
+    manager.switch([], [trajectory(bench, list(range(manager.claims.shape[1])))], bench.loop.written)
     bench.loop.life.stop("in the same cycle")
     bench.run(5)
     bench.loop.life.clear_stop()

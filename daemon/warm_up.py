@@ -1,0 +1,29 @@
+"""Everything that a cycle calls, compiled ahead of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon.controllers.base import Gains
+from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.exchange import TrajectoryMotion
+from daemon.robot_state import RobotState
+from daemon.safety.limits import Limits, enforce
+from daemon.safety.rules import followed
+from hal.joint import JointCommand, JointState
+from handrail.robot.kinematics import Kinematics
+
+
+def warm_up(kinematics: Kinematics) -> None:
+    """Compile all that the cycle ever calls, before the bus is joined: in mid-motion it would hold the robot up for a second."""
+    n = len(kinematics.description.joints)
+    limits, state, command = Limits.of(kinematics.description), JointState(n), JointCommand(n)
+    robot = RobotState(kinematics, state, limits.period)
+    robot.update(command)
+    robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
+    path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
+    motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)
+    motion.activate(robot, command)
+    motion.update(robot, command)
+    followed(path.joints, command.position, state)
+    enforce(JointCommand(n), command, JointCommand(n), state, limits)

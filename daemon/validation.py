@@ -17,7 +17,10 @@ from daemon.roster import Loaded, Roster
 from handrail.messages import (
     CartesianImpedance,
     CommandGripper,
+    Compliance,
+    CompliantMotion,
     ContactEnd,
+    Dither,
     EndCondition,
     ForceEnd,
     JointTrajectory,
@@ -37,6 +40,8 @@ OVERSHOOT_POSITION = 5e-3
 """rad beyond a limit that the cubic between two knots may reach: the loop's final limits cut it"""
 OVERSHOOT_VELOCITY = 0.05
 """share of the limit, likewise"""
+FASTEST_DITHER = (0.25, 1.0)
+"""m/s, rad/s of a dither's own motion"""
 
 
 def check_start(
@@ -63,6 +68,8 @@ def check_start(
         commanded = snapshot["command"][0][rows]
         _check_trajectory(message.motion, rows, commanded, description, frames=frames, largest_payload=largest_payload)
         _check_first_knot(message.motion, commanded)
+    elif isinstance(message.motion, CompliantMotion):
+        _check_compliant(message.motion, frames)
     else:
         _check_cartesian(message.motion, frames)
     if len(message.ends) > MAX_ENDS:
@@ -262,19 +269,58 @@ def _check_first_knot(motion: JointTrajectory, commanded: np.ndarray) -> None:
         )
 
 
-def _check_cartesian(motion: CartesianImpedance, frames: Collection[str]) -> None:
+def _check_compliant(motion: CompliantMotion, frames: Collection[str]) -> None:
+    _check_cartesian(motion, frames)
+    _check_all_finite(np.array(motion.shift), "motion.shift")
+    if motion.goal_in_world is not None and any(motion.shift):
+        raise refuse(
+            "one of goal_in_world and shift", "motion.shift", list(motion.shift), "0, 0, 0 with a goal_in_world"
+        )
+    _check_quaternion(motion.axes, "motion.axes")
+    _check_axes(motion.compliance, "motion.compliance")
+    _check_axes(motion.dither, "motion.dither")
+    for number, soft in enumerate(motion.compliance):
+        own = motion.stiffness[soft.axis.startswith("r")]
+        if 0.0 < soft.stiffness >= own:
+            field = f"motion.compliance[{number}].stiffness"
+            raise refuse("no softer than the motion's own spring", field, soft.stiffness, f"less than {own:g}")
+    for number, swing in enumerate(motion.dither):
+        field, linear = f"motion.dither[{number}]", not swing.axis.startswith("r")
+        fastest, unit = (FASTEST_DITHER[0], "m/s") if linear else (FASTEST_DITHER[1], "rad/s")
+        speed = 2.0 * math.pi * swing.amplitude * swing.frequency
+        if speed > fastest:
+            raise refuse(
+                "it swings too fast", f"{field}.frequency", f"{speed:.3g} {unit}", f"at most {fastest:g} {unit}"
+            )
+
+
+def _check_axes(listed: Sequence[Compliance | Dither], field: str) -> None:
+    named = [axis.axis for axis in listed]
+    for number, axis in enumerate(listed):
+        for name in axis.__struct_fields__[1:]:
+            _check_finite(getattr(axis, name), f"{field}[{number}].{name}")
+        if axis.axis in named[:number]:
+            raise refuse("an axis is named twice", f"{field}[{number}].axis", axis.axis, "each axis once")
+
+
+def _check_cartesian(motion: CartesianImpedance | CompliantMotion, frames: Collection[str]) -> None:
     _check_frame(motion.frame, "motion.frame", frames)
-    _check_all_finite(np.array(motion.goal_in_world.position), "motion.goal_in_world.position")
-    quaternion = np.array(motion.goal_in_world.orientation)
-    _check_all_finite(quaternion, "motion.goal_in_world.orientation")
-    norm = float(np.linalg.norm(quaternion))
-    if abs(norm - 1.0) > 1e-3:
-        raise refuse("no unit quaternion", "motion.goal_in_world.orientation", f"norm {norm:.4g}", "norm 1")
+    if motion.goal_in_world is not None:
+        _check_all_finite(np.array(motion.goal_in_world.position), "motion.goal_in_world.position")
+        _check_quaternion(motion.goal_in_world.orientation, "motion.goal_in_world.orientation")
     _check_finite(motion.duration, "motion.duration")
     for part, value in enumerate(motion.stiffness):
         _check_finite(value, f"motion.stiffness[{part}]")
         if value < 0:
             raise refuse("stiffness below zero", f"motion.stiffness[{part}]", value, "0 or more")
+
+
+def _check_quaternion(given: Sequence[float], field: str) -> None:
+    quaternion = np.array(given)
+    _check_all_finite(quaternion, field)
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > 1e-3:
+        raise refuse("no unit quaternion", field, f"norm {norm:.4g}", "norm 1")
 
 
 def _check_end(end: EndCondition, field: str, frames: Collection[str]) -> None:

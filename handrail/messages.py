@@ -715,7 +715,63 @@ class CartesianImpedance(msgspec.Struct, tag="cartesian_impedance", kw_only=True
     """N/m, N·m/rad"""
 
 
-Motion = JointTrajectory | CartesianImpedance
+TaskAxis = Literal["x", "y", "z", "rx", "ry", "rz"]
+"""along, or about, an axis of a task frame"""
+
+
+class Compliance(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Lets one axis of a task frame give way: e, how far it is off the path there, follows the wrench w that the frame feels.
+
+    damping · ė = force + w − stiffness · e, with |ė| ≤ speed and |e| ≤ reach. So without stiffness the frame goes on, no faster
+    than `speed`, until it exerts `force`; without `force` it is a spring and a damper, or a damper alone.
+    """
+
+    axis: TaskAxis
+    force: float = 0.0
+    """N or N·m that the frame exerts on what it touches"""
+    stiffness: NonNegative = 0.0
+    """N/m or N·m/rad, less than the motion's own; 0: no spring"""
+    damping: NonNegative = 0.0
+    """N·s/m or N·m·s/rad; 0: 100 or 2"""
+    speed: NonNegative = 0.0
+    """m/s or rad/s at most; 0: 0.03 or 0.2"""
+    reach: NonNegative = 0.0
+    """m or rad at most; 0: 0.1 or 0.5"""
+
+
+class Dither(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Swings about the path along one axis of a task frame."""
+
+    axis: TaskAxis
+    amplitude: Positive
+    """m or rad, commanded"""
+    frequency: Positive
+    """Hz"""
+
+
+class CompliantMotion(msgspec.Struct, tag="compliant_motion", kw_only=True, forbid_unknown_fields=True):
+    """Move `frame` along a straight path, and let it give way, press or swing on chosen axes of a task frame.
+
+    The path leads from where the frame is commanded to `goal_in_world`, or by `shift`, or nowhere. Done after `duration`.
+    """
+
+    frame: Name
+    joints: list[Name]
+    duration: Positive
+    """s"""
+    goal_in_world: Pose | None = None
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """m along the task frame's axes, as they are at the start; only without `goal_in_world`"""
+    axes: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """unit quaternion (x, y, z, w): the task frame's axes in the world, or in the frame. Its origin is the frame's"""
+    axes_in: Literal["world", "frame"] = "world"
+    compliance: list[Compliance] = []
+    dither: list[Dither] = []
+    stiffness: tuple[float, float] = (600.0, 20.0)
+    """N/m, N·m/rad, about the path, displaced by compliance and dither"""
+
+
+Motion = JointTrajectory | CartesianImpedance | CompliantMotion
 
 
 @_travels(priority=1, remote=False)

@@ -6,10 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
-from daemon.exchange import CartesianMotion
+from daemon.exchange import CartesianMotion, TaskFrameMotion
 from daemon.references import LinePath, PathClock
-from daemon.robot_state import RobotState
+from daemon.robot_state import FramePose, RobotState
 from hal.joint import JointCommand
+from handrail.messages import Pose
 
 _SPRING_REACH = 0.10
 """m: the spring pulls no harder than at this distance"""
@@ -33,33 +34,40 @@ class CartesianImpedance(MotionController):
 
     name = "cartesian_impedance"
 
-    def __init__(self, motion: CartesianMotion, gains: Gains, period: float):
+    def __init__(self, motion: CartesianMotion | TaskFrameMotion, gains: Gains, period: float):
         super().__init__(motion.joints, gains)
         self.force_frame = motion.frame
-        self._frame, self._motion = motion.frame, motion
+        self._frame, self._duration = motion.frame, motion.duration
         linear, angular = motion.stiffness
         self._stiffness = np.array([linear] * 3 + [angular] * 3)
         self.clock = PathClock(motion.duration, period)
-        goal = motion.goal_in_world
-        self._goal = pin.SE3(pin.Quaternion(np.array(goal.orientation)).normalized().matrix(), np.array(goal.position))
+        self._goal = motion.goal_in_world and _placement(motion.goal_in_world)
         self._position = np.zeros(len(motion.joints))
         self._line: LinePath | None = None
 
     def activate(self, robot: RobotState, last: JointCommand) -> None:
         # From where the frame is commanded, not measured: what it leans on now, it goes on leaning on.
         start = robot.commanded_frame(self._frame)
-        self._line = LinePath(start.rotation, start.translation, self._goal, self._motion.duration)
+        self._line = LinePath(start.rotation, start.translation, self.goal(start), self._duration)
         self._position = last.position[self.joints].copy()
 
-    def update(self, robot: RobotState, out: JointCommand) -> None:
+    def goal(self, start: FramePose) -> pin.SE3:
+        """Where the line leads from `start`."""
+        return self._goal or pin.SE3(start.rotation, start.translation)
+
+    def reference(self, robot: RobotState) -> tuple[Array, Array, Array]:
+        """(rotation (3, 3), translation (3,) m, twist (6,) m/s and rad/s, world axes) that the frame shall have now."""
         assert self._line is not None, "activate comes before update"
-        self.clock.advance()
         rotation, translation, linear, angular = self._line.evaluate(self.clock.s)
+        return rotation, translation, np.concatenate((linear, angular)) * self.clock.rate
+
+    def update(self, robot: RobotState, out: JointCommand) -> None:
+        self.clock.advance()
+        rotation, translation, twist = self.reference(robot)
         measured, commanded = robot.frame(self._frame), robot.commanded_frame(self._frame)
         jacobian = robot.jacobian(self._frame)[:, self.joints]
         inverse = _damped_inverse(jacobian)
 
-        twist = np.concatenate((linear, angular)) * self.clock.rate
         drift = _pose_error(rotation, translation, commanded.rotation, commanded.translation)
         velocity = self._within_limits(jacobian, inverse, twist + _FOLLOW_RATE * drift, robot)
         self._position += velocity * robot.period
@@ -85,6 +93,10 @@ class CartesianImpedance(MotionController):
             velocity = _damped_inverse(np.where(blocked, 0.0, jacobian)) @ twist
         most = description.velocity_limit[rows]
         return np.clip(velocity, -most, most)
+
+
+def _placement(pose: Pose) -> pin.SE3:
+    return pin.SE3(pin.Quaternion(np.array(pose.orientation)).normalized().matrix(), np.array(pose.position))
 
 
 def _damped_inverse(jacobian: Array) -> Array:

@@ -14,15 +14,17 @@ from typing import Any
 
 from daemon.controllers.base import Controller, Gains, MotionController
 from daemon.controllers.cartesian_impedance import CartesianImpedance
+from daemon.controllers.compliant_motion import CompliantMotion
 from daemon.controllers.gravity_compensation import GravityCompensation
 from daemon.controllers.joint_impedance import JointImpedance
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.exchange import CartesianMotion, TrajectoryMotion
+from daemon.exchange import CartesianMotion, MotionCommand, TaskFrameMotion, TrajectoryMotion
 from daemon.roster import own_kinds
 
 MOTIONS: dict[type, Callable[[Any, Gains, float], MotionController]] = {
     TrajectoryMotion: JointTrajectory,
     CartesianMotion: CartesianImpedance,
+    TaskFrameMotion: CompliantMotion,
 }
 """decoded motion (daemon.exchange) → what makes a controller of it, of the robot's gains and of the loop's period in s. That
 happens in a cycle, so it takes some 50 µs at most: arrays, no imports, nothing to be compiled."""
@@ -34,7 +36,7 @@ KINDS: dict[str, type[Controller]] = {
 """what may be loaded by name (handrail controllers load), made by Controller.make beside the loop (daemon.workshop)"""
 
 
-def for_motion(motion: TrajectoryMotion | CartesianMotion, gains: Gains, period: float) -> MotionController:
+def for_motion(motion: MotionCommand, gains: Gains, period: float) -> MotionController:
     """A controller that will run `motion`; `period`: of the loop, s."""
     return MOTIONS[type(motion)](motion, gains, period)
 

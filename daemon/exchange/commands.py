@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from daemon.exchange.records import COMMAND, MAX_ENDS, MAX_JOINTS, Kind
 from handrail.messages import (
+    CompliantMotion,
     ContactEnd,
     DivergenceEnd,
     EndCondition,
@@ -22,12 +23,18 @@ from handrail.messages import (
     PoseErrorEnd,
     StallEnd,
     StartAction,
+    TaskAxis,
     TimeEnd,
     TorqueLimitEnd,
     TravelEnd,
 )
 
-MOTION_TRAJECTORY, MOTION_CARTESIAN = 1, 2
+MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT = 1, 2, 3
+TASK_AXES: tuple[TaskAxis, ...] = ("x", "y", "z", "rx", "ry", "rz")
+COMPLIANCE_ROWS = ("on", "force", "stiffness", "damping", "speed", "reach")
+DITHER_ROWS = ("amplitude", "frequency")
+_LINEAR, _ANGULAR = {"damping": 100.0, "speed": 0.03, "reach": 0.1}, {"damping": 2.0, "speed": 0.2, "reach": 0.5}
+"""what a compliant axis has where its message says 0"""
 _OF_DEVICES = (Kind.DEVICE, Kind.RELAY)
 _OF_CONTROLLERS = (Kind.LOAD, Kind.CONFIGURE, Kind.SWITCH, Kind.UNLOAD)
 _END_VALUES: dict[type, str] = {
@@ -107,10 +114,27 @@ def encode_start(
         payload = np.concatenate([np.asarray(part, float).ravel() for part in knots])
     else:
         header["motion"], header["frame"] = MOTION_CARTESIAN, frame_index[motion.frame]
-        header["goal"][:3], header["goal"][3:] = motion.goal_in_world.position, motion.goal_in_world.orientation
+        if motion.goal_in_world is not None:
+            header["goal"][:3], header["goal"][3:] = motion.goal_in_world.position, motion.goal_in_world.orientation
         header["duration"], header["stiffness"] = motion.duration, motion.stiffness
+    if isinstance(motion, CompliantMotion):
+        header["motion"], payload = MOTION_COMPLIANT, _encode_task(motion)
     header["payload_length"] = len(payload)
     return header, payload
+
+
+def _encode_task(motion: CompliantMotion) -> NDArray[np.float64]:
+    """What of a compliant motion is not in the header: has a goal, shift (3), axes (4), turn with the frame, compliance, dither."""
+    compliance, dither = np.zeros((len(COMPLIANCE_ROWS), 6)), np.zeros((len(DITHER_ROWS), 6))
+    for axis in motion.compliance:
+        column = TASK_AXES.index(axis.axis)
+        usual = _LINEAR if column < 3 else _ANGULAR
+        given = [getattr(axis, name) or usual.get(name, 0.0) for name in COMPLIANCE_ROWS[1:]]
+        compliance[:, column] = [1.0, *given]
+    for swing in motion.dither:
+        dither[:, TASK_AXES.index(swing.axis)] = swing.amplitude, swing.frequency
+    head = [motion.goal_in_world is not None, *motion.shift, *motion.axes, motion.axes_in == "frame"]
+    return np.concatenate([np.array(head, float), compliance.ravel(), dither.ravel()])
 
 
 def _encode_end(row: np.void, end: EndCondition, frame_index: Mapping[str, int]) -> None:
@@ -148,6 +172,29 @@ class CartesianMotion:
 
 
 @dataclass(frozen=True)
+class TaskFrameMotion:
+    """A path of one frame, with compliance and dither on axes of a task frame (messages.CompliantMotion, nothing left out)."""
+
+    joints: NDArray[np.int64]
+    frame: str
+    goal_in_world: Pose | None
+    shift: NDArray[np.float64]
+    """(3,) m along the axes"""
+    axes: NDArray[np.float64]
+    """(4,) unit quaternion x y z w"""
+    turns_with_frame: bool
+    duration: float
+    stiffness: tuple[float, float]
+    compliance: NDArray[np.float64]
+    """(COMPLIANCE_ROWS, 6)"""
+    dither: NDArray[np.float64]
+    """(DITHER_ROWS, 6)"""
+
+
+MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion
+
+
+@dataclass(frozen=True)
 class Command:
     """A command as the loop handles it."""
 
@@ -157,7 +204,7 @@ class Command:
     action: int = 0
     value: float = 0.0
     expires_ns: int = 0
-    motion: TrajectoryMotion | CartesianMotion | None = None
+    motion: MotionCommand | None = None
     ends: tuple[EndCondition, ...] = ()
     device: int = -1
     device_values: NDArray[np.float64] | None = None
@@ -176,7 +223,7 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
     """
     header = header.reshape(())
     kind = Kind(int(header["kind"]))
-    motion: TrajectoryMotion | CartesianMotion | None = None
+    motion: MotionCommand | None = None
     ends: tuple[EndCondition, ...] = ()
     if kind is Kind.START:
         m, k = int(header["joint_count"]), int(header["knot_count"])
@@ -197,7 +244,10 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
             goal = [float(x) for x in header["goal"]]
             pose = Pose(position=(goal[0], goal[1], goal[2]), orientation=(goal[3], goal[4], goal[5], goal[6]))
             stiffness = (float(header["stiffness"][0]), float(header["stiffness"][1]))
-            motion = CartesianMotion(joints, frames[frame], pose, float(header["duration"]), stiffness)
+            if int(header["motion"]) == MOTION_COMPLIANT:
+                motion = _decode_task(joints, frames[frame], pose, float(header["duration"]), stiffness, payload)
+            else:
+                motion = CartesianMotion(joints, frames[frame], pose, float(header["duration"]), stiffness)
         ends = tuple(_decode_end(row, frames) for row in header["ends"][: int(header["end_count"])])
     return Command(
         serial=int(header["serial"]),
@@ -213,6 +263,33 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
         come=int(header["controllers"][0]),
         go=int(header["controllers"][1]),
         text=payload.tobytes() if kind in _OF_CONTROLLERS else b"",
+    )
+
+
+def _decode_task(
+    joints: NDArray[np.int64],
+    frame: str,
+    goal: Pose,
+    duration: float,
+    stiffness: tuple[float, float],
+    payload: NDArray[np.float64],
+) -> TaskFrameMotion:
+    own = np.array(payload, float)
+    rows = (len(COMPLIANCE_ROWS), len(DITHER_ROWS))
+    if len(own) != 9 + 6 * sum(rows):
+        raise ValueError(f"{len(own)} numbers for a compliant motion; expected {9 + 6 * sum(rows)}")
+    tables = own[9:].reshape(sum(rows), 6)
+    return TaskFrameMotion(
+        joints=joints,
+        frame=frame,
+        goal_in_world=goal if own[0] else None,
+        shift=own[1:4],
+        axes=own[4:8],
+        turns_with_frame=bool(own[8]),
+        duration=duration,
+        stiffness=stiffness,
+        compliance=tables[: rows[0]],
+        dither=tables[rows[0] :],
     )
 
 

@@ -171,7 +171,7 @@ class Rule(enum.IntEnum):
     GAIN = 14
 
 
-CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user")
+CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion")
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
 LOADED_CODE = 64
 """Likewise: from here on, the slots of the controllers that were loaded by name."""
@@ -220,7 +220,8 @@ COMMAND = np.dtype(
     ],
     align=True,
 )
-"""A command's header; a trajectory's knots follow as float64: times (k), positions (k·m), velocities (k·m). Of text, its bytes."""
+"""A command's header. As float64 follow a trajectory's knots, times (k), positions (k·m), velocities (k·m); of a compliant motion
+what `daemon.exchange.commands` says; of text, its bytes."""
 
 
 def snapshot_dtype(description: RobotDescription) -> np.dtype:

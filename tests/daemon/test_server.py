@@ -357,6 +357,12 @@ def bad_actions(rig: Rig) -> dict[str, m.StartAction]:
     fast = float(rig.description.velocity_limit[rig.description.index(good.joints[2])])
     frame = rig.description.arms["right"].tip
     cartesian: dict[str, Any] = {"frame": frame, "joints": good.joints, "goal_in_world": m.Pose(), "duration": 1.0}
+
+    def compliant(**changes: Any) -> m.StartAction:
+        return rig.action(
+            motion=m.CompliantMotion(**{"frame": frame, "joints": good.joints, "duration": 1.0, **changes})
+        )
+
     return {
         "motion.joints[0]": motion(joints=["arm_rigth_1_joint", *good.joints[1:]]),
         "motion.joints[1]": motion(joints=[good.joints[0], good.joints[0], *good.joints[2:]]),
@@ -380,6 +386,12 @@ def bad_actions(rig: Rig) -> dict[str, m.StartAction]:
             motion=m.CartesianImpedance(**{**cartesian, "goal_in_world": m.Pose(orientation=(0.0, 0.0, 0.0, 2.0))})
         ),
         "motion.stiffness[1]": rig.action(motion=m.CartesianImpedance(**{**cartesian, "stiffness": (100.0, -1.0)})),
+        "motion.shift": compliant(goal_in_world=m.Pose(), shift=(0.1, 0.0, 0.0)),
+        "motion.axes": compliant(axes=(0.0, 0.0, 0.0, 0.0)),
+        "motion.compliance[1].axis": compliant(compliance=[m.Compliance(axis="x"), m.Compliance(axis="x")]),
+        "motion.compliance[0].force": compliant(compliance=[m.Compliance(axis="x", force=math.nan)]),
+        "motion.compliance[0].stiffness": compliant(compliance=[m.Compliance(axis="rx", stiffness=20.0)]),
+        "motion.dither[0].frequency": compliant(dither=[m.Dither(axis="x", amplitude=0.01, frequency=5.0)]),
         "ends[1].frame": rig.action(ends=[m.TimeEnd(after=1.0), m.ContactEnd(frame="gripper", threshold=1.0)]),
         "ends[0].axis": rig.action(ends=[m.ForceEnd(frame=frame, axis=(0.0, 0.0, 0.0), limit=1.0)]),
         "ends[0].after": rig.action(ends=[m.TimeEnd(after=math.inf)]),

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from daemon import exchange
-from daemon.exchange import CartesianMotion, Kind, TrajectoryMotion
+from daemon.exchange import CartesianMotion, Kind, TaskFrameMotion, TrajectoryMotion
+from daemon.exchange.commands import COMPLIANCE_ROWS
 from handrail.messages import (
     CartesianImpedance,
+    Compliance,
+    CompliantMotion,
     ContactEnd,
+    Dither,
     DivergenceEnd,
     ForceEnd,
     JointLimitEnd,
@@ -71,6 +75,38 @@ def test_a_cartesian_motion_comes_through_as_it_was_sent() -> None:
     assert isinstance(command.motion, CartesianMotion)
     assert (command.motion.frame, command.motion.goal_in_world) == ("tip", goal)
     assert (command.motion.duration, command.motion.stiffness) == (2.0, (9.0, 1.0))
+
+
+def test_a_compliant_motion_comes_through_with_what_it_left_out_filled_in() -> None:
+    motion = CompliantMotion(
+        frame="tip",
+        joints=["b", "c"],
+        duration=1.5,
+        shift=(0.0, 0.1, 0.0),
+        axes=(0.0, 0.6, 0.0, 0.8),
+        axes_in="frame",
+        compliance=[Compliance(axis="z", force=20.0), Compliance(axis="rx", stiffness=3.0, damping=4.0, reach=0.2)],
+        dither=[Dither(axis="y", amplitude=0.002, frequency=5.0)],
+        stiffness=(700.0, 30.0),
+    )
+    header, payload = exchange.encode_start(StartAction(id="x", owner="y", motion=motion), 1, 1, JOINTS, FRAMES)
+    command = exchange.decode(header, payload, NAMES)
+    task = command.motion
+    assert isinstance(task, TaskFrameMotion)
+    assert (task.frame, task.goal_in_world, task.duration, task.stiffness) == ("tip", None, 1.5, (700.0, 30.0))
+    assert (task.shift.tolist(), task.axes.tolist(), task.turns_with_frame) == ([0, 0.1, 0], [0, 0.6, 0, 0.8], True)
+    compliance = {name: row.tolist() for name, row in zip(COMPLIANCE_ROWS, task.compliance, strict=True)}
+    assert compliance == {
+        "on": [0, 0, 1, 1, 0, 0],
+        "force": [0, 0, 20.0, 0, 0, 0],
+        "stiffness": [0, 0, 0, 3.0, 0, 0],
+        "damping": [0, 0, 100.0, 4.0, 0, 0],
+        "speed": [0, 0, 0.03, 0.2, 0, 0],
+        "reach": [0, 0, 0.1, 0.2, 0, 0],
+    }
+    assert task.dither.tolist() == [[0, 0.002, 0, 0, 0, 0], [0, 5.0, 0, 0, 0, 0]]
+    with pytest.raises(ValueError, match="56 numbers"):
+        exchange.decode(header, payload[:-1], NAMES)
 
 
 @pytest.mark.parametrize(

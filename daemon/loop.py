@@ -279,7 +279,7 @@ class Loop:
                 self.hardware.write(None, self.cycles)
         if self.core is not None:
             self.core.close()
-        for part in (self.workshop, self.hardware, self.stop_socket, self.doorbell, self.server):
+        for part in (self.hardware, self.stop_socket, self.doorbell, self.server, self.workshop):
             part.close()
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import _thread
 import queue
+import sys
 import traceback
 from collections import deque
 from dataclasses import dataclass
@@ -84,7 +85,7 @@ class Workshop:
         self._entries: dict[int, Loaded] = {}
         self._kinds: dict[int, type[Controller]] = {}
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._open = False
+        self._open, self._ended = False, _thread.allocate_lock()
         self.done: deque[Done] = deque()
         """filled here, emptied by the loop"""
         write_roster(file, self._roster)
@@ -94,13 +95,16 @@ class Workshop:
         if not self._open:
             # threading.Thread.start would wait until the thread runs, in the middle of a cycle.
             self._open = True
+            self._ended.acquire()
             _thread.start_new_thread(self._work, ())
         self._jobs.put(job)
 
     def close(self) -> None:
-        """Have the thread end, when it has done what it was given."""
+        """Have the thread end, when it has done what it was given; not waited for longer than a second."""
         if self._open:
+            self._open = False
             self._jobs.put(None)
+            self._ended.acquire(timeout=1.0)
 
     # ------------------------------------------------------------------------------------------------- beside the loop
 
@@ -113,6 +117,7 @@ class Workshop:
             self._write(job.when)
             if done is not None:
                 self.done.append(done)
+        self._ended.release()
 
     def _do(self, job: Job) -> Done | None:
         if job.failed is not None:
@@ -221,7 +226,14 @@ class Workshop:
 
     def _write(self, when: When) -> None:
         self._roster.number, self._roster.loaded = when.roster, list(self._entries.values())
-        write_roster(self._file, self._roster)
+        try:
+            write_roster(self._file, self._roster)
+        except OSError as error:
+            print(
+                f"daemon loop: {self._file}: {error}; which controllers are loaded is not told",
+                file=sys.stderr,
+                flush=True,
+            )
 
 
 def _text(error: BaseException) -> str:

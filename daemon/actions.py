@@ -92,6 +92,8 @@ class ActionTable:
             return Refusal(Answer.MALFORMED)
         if command.expires_ns and time_ns > command.expires_ns:
             return Refusal(Answer.EXPIRED, value=(time_ns - command.expires_ns) * 1e-9)
+        if (isolated := self._manager.isolated[motion.joints]).any():
+            return Refusal(Answer.ISOLATED, int(motion.joints[int(np.argmax(isolated))]))
         for other in self.running():
             claimed = np.isin(motion.joints, other.controller.joints)
             if claimed.any():

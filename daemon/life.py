@@ -1,18 +1,25 @@
-"""The robot's life: inactive, enabling, enabled, stopped; and what the loss of a drive does to it."""
+"""The robot's life: inactive, enabling, enabled, stopped. The limb of a lost drive is isolated, and the rest held."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from daemon.actions import ActionTable, Refusal
 from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome, Rule
 from daemon.manager import ControllerManager
 from daemon.safety.ledger import Ledger
+from daemon.safety.rules import isolated_with
 from hal.hardware import Goal, Hardware
+from hal.joint import JointCommand
+from handrail.robot.description import RobotDescription
 
 ENABLING_TIME = 2.0
 """s of robot time after which drives that do not come to operation are given up"""
 
-_ENABLED, _STOPPED, _ENABLING = int(Flag.ENABLED), int(Flag.STOPPED), int(Flag.ENABLING)
+_ENABLED, _STOPPED, _ENABLING, _ISOLATED = (
+    int(flag) for flag in (Flag.ENABLED, Flag.STOPPED, Flag.ENABLING, Flag.ISOLATED)
+)
 
 
 class Life:
@@ -24,19 +31,26 @@ class Life:
         manager: ControllerManager,
         actions: ActionTable,
         devices: Devices,
-        period: float,
+        description: RobotDescription,
     ):
         self._hardware, self._manager, self._actions, self._devices = hardware, manager, actions, devices
-        self._patience = round(ENABLING_TIME / period)
+        self._patience = round(ENABLING_TIME * 1e9 / description.period_ns)
+        self._limb = description.limb_of_joint
         self._enabling_for = -1
         self.stopped = False
         self.stop_reason = ""
+        self._isolated = False
         self.ledger = Ledger()
 
     @property
     def enabled(self) -> bool:
-        """Every drive is in operation and every joint has a controller."""
+        """Every drive is in operation and every joint has a controller, isolated limbs aside."""
         return self._manager.enabled
+
+    @property
+    def isolated(self) -> bool:
+        """Some limbs are out of the robot."""
+        return self._isolated
 
     @property
     def enabling(self) -> bool:
@@ -52,10 +66,15 @@ class Life:
             flags |= _STOPPED
         if self._enabling_for >= 0:
             flags |= _ENABLING
+        if self._isolated:
+            flags |= _ISOLATED
         return flags
 
     def enable(self) -> Refusal | None:
-        """Take every drive to operation enabled; in the cycle in which the last one is there, hold where the robot is."""
+        """Take every drive to operation enabled; in the cycle in which the last one is there, hold where the robot is.
+
+        On an enabled robot this takes isolated limbs back in, faults reset on the way; what is not isolated notices nothing.
+        """
         if self.stopped:
             return Refusal(Answer.STOP_LATCHED)
         silent = self._hardware.first_silent()
@@ -68,7 +87,7 @@ class Life:
         unknown = self._hardware.first_unknown()
         if unknown >= 0:
             return Refusal(Answer.PROTOCOL_UNKNOWN, unknown)
-        if not self._manager.enabled:
+        if not self._manager.enabled or (self._isolated and self._enabling_for < 0):
             self._enabling_for = 0
         return None
 
@@ -88,14 +107,17 @@ class Life:
         self.stopped, self.stop_reason = False, ""
         self.ledger.release(Rule.OPERATOR_STOP)
 
-    def update(self) -> None:
-        """Follow the drives: finish enabling, or quick-stop everything when one of them is lost."""
+    def update(self, last: JointCommand) -> None:
+        """Follow the drives: finish enabling, or isolate the limb of one that is lost. `last`: the command as last written."""
         hardware = self._hardware
         if self._manager.enabled:
-            wrong = max(hardware.first_lost(), hardware.first_stranger())
-            if wrong >= 0:
-                self.ledger.trip(self._rule_of(wrong), wrong, holds=True)
-                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, wrong)
+            if (stranger := hardware.first_stranger()) >= 0 and not hardware.isolated[stranger]:
+                self.ledger.trip(Rule.PROTOCOL, stranger, holds=True)
+                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, stranger)
+            elif (lost := hardware.first_lost()) >= 0:
+                self._lose(lost, last)
+            elif self._isolated and self._enabling_for >= 0:
+                self._take_back()
         elif self._enabling_for >= 0:
             self._enabling_for += 1
             wrong = max(hardware.first_stranger(), hardware.first_unknown())
@@ -119,12 +141,43 @@ class Life:
         self.ledger.trip(Rule.NO_COMMAND, joint, holds=True)
         self._fall_to(Goal.QUICK_STOP, Outcome.REFUSED_BY_LIMITS, joint)
 
-    def _rule_of(self, joint: int) -> Rule:
-        return Rule.PROTOCOL if joint == self._hardware.first_stranger() else Rule.DRIVE_FAULT
+    def _lose(self, joint: int, last: JointCommand) -> None:
+        """The drive of `joint` is lost: its limb stops, what is left of the robot holds; where nothing is left, all stop."""
+        out = isolated_with(self._hardware.lost(), self._limb, self._hardware.isolated)
+        self.ledger.trip(Rule.DRIVE_FAULT, joint, holds=True)
+        if out.all():
+            self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, joint)
+            return
+        self._enabling_for, self._isolated = -1, True
+        self._hardware.isolate(out)
+        self._actions.end_all(Outcome.DRIVE_FAULT, joint)
+        self._manager.isolate(out, last)
+
+    def _take_back(self) -> None:
+        """Isolated limbs are on their way back: hold them where they are once all of their drives are in operation."""
+        hardware = self._hardware
+        self._enabling_for += 1
+        wrong = max(hardware.first_stranger(), hardware.first_unknown())
+        if wrong >= 0 or self._enabling_for > self._patience:
+            self._enabling_for = -1
+            rule = Rule.PROTOCOL if wrong >= 0 else Rule.DRIVE_FAULT
+            self.ledger.trip(rule, wrong if wrong >= 0 else int(np.argmax(hardware.lost())), holds=True)
+            hardware.isolate(hardware.isolated.copy())
+        elif not hardware.returning:
+            if hardware.acquainted:
+                hardware.rejoin()
+        elif hardware.returned:
+            self._enabling_for, self._isolated = -1, False
+            hardware.isolate(np.zeros_like(hardware.isolated))
+            self._manager.rejoin()
+            self.ledger.release(Rule.PROTOCOL, Rule.DRIVE_FAULT)
 
     def _fall_to(self, goal: Goal, outcome: Outcome, joint: int = -1) -> None:
         self._hardware.goal = goal
         self._enabling_for = -1
+        if self._isolated:
+            self._isolated = False
+            self._hardware.isolate(np.zeros_like(self._hardware.isolated))
         self._manager.release_all()
         self._devices.disable()
         self._actions.end_all(outcome, joint)

@@ -85,10 +85,10 @@ class Loop:
         self.controllers = ControllerTable(self.manager, self.workshop)
         self.actions = ActionTable(self.manager, self.robot)
         self.devices = Devices(description, hardware.devices, hardware.device_command)
-        self.life = Life(hardware, self.manager, self.actions, self.devices, period)
+        self.life = Life(hardware, self.manager, self.actions, self.devices, description)
         self.holds = TimeHolds(lockstep)
         self.last_word = LastWord(Limits.of(description, hardware.largest_command()), self.life.ledger)
-        self.written, self._next, self._commanding = JointCommand(n), JointCommand(n), False
+        self.written, self._next = JointCommand(n), JointCommand(n)
 
         self.stop_socket = StopSocket(runtime.stop)
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
@@ -115,7 +115,7 @@ class Loop:
         self.robot.update(self.written)
         self.controllers.collect(self.time_ns)
         self.orders.serve(self.written, self.time_ns)
-        self.life.update()
+        self.life.update(self.written)
         self.devices.update()
         self.robot.estimate_forces(self.actions.force_frames())
         self.after_end(self.actions.check(self.written))
@@ -166,7 +166,6 @@ class Loop:
                 return self.written
             self.life.quick_stop(bad)
         self.written.follow(self.hardware.state)
-        self._commanding = False
         return None
 
     def within_limits(self, wanted: JointCommand) -> int:
@@ -175,14 +174,14 @@ class Loop:
         A joint's row where there is no command for it that could be written, else −1.
         """
         command, previous = self._next, self.written
-        # The first command after enabling has none before it: the brakes carried the robot.
-        before = previous if self._commanding else wanted
-        changed, _, joint = self.last_word.say(command, wanted, before, self.hardware.state)
+        if (fresh := self.manager.fresh) is not None:  # no command before: the brakes carried these joints
+            previous.table[:, fresh], self.manager.fresh = wanted.table[:, fresh], None
+        changed, _, joint = self.last_word.say(command, wanted, previous, self.hardware.state)
         if changed < 0:
             return joint
         if changed and (off := self.last_word.held_back(command, wanted)) is not None:
             self.refuse(off[0], command, off[1])
-        self.written, self._next, self._commanding = command, previous, True
+        self.written, self._next = command, previous
         return -1
 
     def refuse(self, joint: int, last: JointCommand, value: float = 0.0) -> bool:

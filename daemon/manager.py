@@ -1,7 +1,8 @@
 """Which controller commands which joint: claims, whole switches, and the bump taken out of each.
 
 A switch names the controllers that go and those that come; it happens in one cycle or not at all. Claims are exclusive per joint
-and interface (position, velocity, torque, stiffness, damping); what nobody claims of an enabled robot, `hold` does. A controller
+and interface (position, velocity, torque, stiffness, damping); what nobody claims of an enabled robot, `hold` does, isolated
+limbs aside, whose joints nobody commands. A controller
 may command the references of another one instead of the robot: then the other one must be active, and is updated after it.
 """
 
@@ -18,7 +19,7 @@ from daemon.exchange import CONTROLLERS
 from daemon.references import fade
 from daemon.robot_state import RobotState
 from daemon.safety.limits import effective_torque
-from hal.joint import COMMANDED, JointCommand
+from hal.joint import COMMANDED, JointCommand, Mode
 
 FADE = 0.2
 """s in which the torque that a switch would have made jump is let go"""
@@ -74,6 +75,11 @@ class ControllerManager:
         """how often who is active has changed"""
         self.failures: list[Controller] = []
         """what failed (`error` says why) and has been replaced; whoever has dealt with them clears it"""
+        self.isolated = np.zeros(n, bool)
+        """(n,) joints that nobody commands, though the robot is enabled"""
+        self.fresh: NDArray[np.bool_] | None = None
+        """(n,) joints whose next command has none before it: until now their brakes carried them. Whoever writes it clears this"""
+        self._some_isolated = False
         self._rated_torque = robot.kinematics.description.torque_limit
         self._steps: list[tuple[Controller, JointCommand]] = []
         self._failing: list[Controller] = []
@@ -90,6 +96,8 @@ class ControllerManager:
 
     def enable(self) -> None:
         """Hold every joint where it is measured, from this cycle on: the drives have just come to life."""
+        self._isolate(np.zeros_like(self.isolated))
+        self.fresh = np.ones_like(self.isolated)
         hold = Hold(np.arange(len(self.robot.joints)), self.gains, self.robot.joints.position)
         # There is no torque to continue from: the brakes carried the robot until now. Nor is there a switch to smooth, though
         # one may have been begun in the cycle in which the robot was stopped.
@@ -100,7 +108,23 @@ class ControllerManager:
 
     def release_all(self) -> None:
         """Take away every claim at once; nothing is commanded any more."""
+        self._isolate(np.zeros_like(self.isolated))
         self._set([], np.zeros_like(self.claims))
+
+    def isolate(self, joints: NDArray[np.bool_], last: JointCommand) -> None:
+        """Take every claim away from these joints (n,); all the others are held, from `last` on."""
+        self._isolate(joints)
+        self.fresh = joints.copy()  # no command follows theirs
+        self.switch(self.active, [], last)
+
+    def rejoin(self) -> None:
+        """Hold the isolated joints where they are measured: their drives have just come back to life. The others notice nothing."""
+        back, claims = self.isolated.copy(), self.claims.copy()
+        self._isolate(np.zeros_like(back))
+        self._since_switch[back], self._switched[back] = np.inf, False
+        self.fresh, claims[:, back] = back, _HOLD
+        hold = Hold(np.flatnonzero(back), self.gains, self.robot.joints.position)
+        self._set([*self.active, hold], claims)
 
     def switch(self, go: Sequence[Controller], come: Sequence[Controller], last: JointCommand) -> None:
         """End some controllers and start others, in this cycle; `hold` gets what is left over.
@@ -110,7 +134,9 @@ class ControllerManager:
         """
         stay = [c for c in self.active if not isinstance(c, Hold) and not _among(c, go)]
         claims = _claims([*stay, *come], self.claims.shape)
-        free = claims == 0
+        if self._some_isolated and (taken := claims.any(axis=0) & self.isolated).any():
+            raise ClaimError(int(np.argmax(taken)))
+        free = (claims == 0) & ~self.isolated
         to_hold = free.any(axis=0)
         fresh = sorted(come, key=_depth)
         if to_hold.any():
@@ -149,6 +175,8 @@ class ControllerManager:
             self._add_offsets(fading)
             self._since_switch += self.robot.period
             self._settled = not len(fading)
+        if self._some_isolated:
+            self._follow_isolated()
         return self.command
 
     def fail(self, joint: int, last: JointCommand) -> bool:
@@ -164,6 +192,16 @@ class ControllerManager:
             self._take_bumps(last)
             self._add_offsets(np.flatnonzero(anew & (self._since_switch < FADE)))
         return bool(guilty)
+
+    def _isolate(self, joints: NDArray[np.bool_]) -> None:
+        self.isolated[:], self._some_isolated = joints, bool(joints.any())
+
+    def _follow_isolated(self) -> None:
+        """The command of joints that nobody commands: where they are, and no torque. It is not written."""
+        out, description = self.isolated, self.robot.kinematics.description
+        self.command.table[:, out] = 0.0
+        where = np.clip(self.robot.joints.position, description.lower, description.upper)
+        self.command.position[out], self.command.mode[out] = where[out], Mode.DAMPING
 
     def _run(self, steps: Iterable[tuple[Controller, JointCommand]]) -> None:
         for controller, out in steps:

@@ -16,6 +16,7 @@ from daemon.exchange import (
     Flag,
     action_event,
     active_controllers,
+    isolated_limbs,
     robot_state,
 )
 from daemon.journal import Journal, Started
@@ -195,6 +196,7 @@ class Reporter:
             loop=self._loop_statistics(newest),
             buses=self._bus_statistics(newest, bus_states),
             devices=device_statuses(newest, self._description),
+            isolated=isolated_limbs(newest, self._description),
             holds=[owner_name(int(owner)) for owner in newest["holds"][:MAX_HOLDS] if owner],
             processes=processes,
         )

@@ -1,7 +1,8 @@
 """The robot's drives as one piece of hardware: what the loop reads and writes, whatever carries it.
 
 Drives live by CiA 402. Set-points are written only while every drive is in operation enabled; at any other time the drives are
-polled with controlwords that take them, one transition a cycle, to where `goal` says, or keep them there.
+polled with controlwords that take them, one transition a cycle, to where `goal` says, or keep them there. Limbs that are isolated
+are out of this: they are stopped, or on their way back, while the others follow set-points.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from hal.can import frames
 from hal.can.port import Port
 from hal.device import MEASURED, DeviceCommand, DeviceState
-from hal.drives.lifecycle import CONTROLWORD, STATE_OF_STATUSWORD, Command, State, controlword_towards
+from hal.drives.lifecycle import CONTROLWORD, FOLLOW, STATE_OF_STATUSWORD, Command, State, controlword_towards
 from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import ParameterReply
 from hal.joint import JointCommand, JointState, Mode
@@ -61,6 +62,7 @@ class DriveProtocol(Protocol):
         sequence: int,
         watchdog: int,
         out: npt.NDArray[np.void],
+        some_follow: bool = False,
     ) -> int: ...
 
     def encode_sync(self, cycle: int, out: npt.NDArray[np.void]) -> int: ...
@@ -111,6 +113,11 @@ class Hardware:
         """when the first of the last replies came, on the clock of whoever runs the bus"""
         self.counters = port.counters
         """(channels, 3) int64: frames sent, frames received, ns of bus time in use"""
+        self.isolated = np.zeros(n, np.bool_)
+        """(n,) joints of limbs that are out of the robot; whole limbs only (`isolate`, `rejoin`)"""
+        self.returning = False
+        """isolated limbs are on their way back"""
+        self._some_isolated = False
         self._port, self._protocol = port, protocol
         self._watchdog = description.watchdog_cycles
         self._sequence = 0
@@ -155,12 +162,31 @@ class Hardware:
 
     @property
     def operational(self) -> bool:
-        """Every drive answers and is in operation enabled."""
+        """Every drive answers and is in operation enabled, those of isolated limbs aside."""
         return self._lost < 0
 
     def first_lost(self) -> int:
-        """Row of the first drive that does not answer, or is not in operation enabled; −1: all are."""
+        """Row of the first drive that does not answer, or is not in operation enabled, those of isolated limbs aside; −1: none."""
         return self._lost
+
+    def lost(self) -> npt.NDArray[np.bool_]:
+        """(n,) drives that do not answer, or are not in operation enabled."""
+        return (self.state.age > LOST_AFTER) | (self._drive_state != _OPERATION_ENABLED)
+
+    def isolate(self, joints: npt.NDArray[np.bool_]) -> None:
+        """Take just these joints (n,), whole limbs, out of the robot: their drives quick-stop and stay so, the others go on."""
+        self.isolated[:] = joints
+        self._some_isolated, self.returning = bool(joints.any()), False
+        self._survey()
+
+    def rejoin(self) -> None:
+        """Take the isolated limbs' drives to operation enabled, faults reset on the way; `returned` says when they are there."""
+        self.returning = True
+
+    @property
+    def returned(self) -> bool:
+        """Every drive, of isolated limbs too, answers and is in operation enabled."""
+        return not self.lost().any()
 
     def first_silent(self) -> int:
         """Row of the first drive that does not answer; −1: all do."""
@@ -245,7 +271,7 @@ class Hardware:
 
     def _survey(self) -> int:
         """Look at every drive's age and status; drives whose reply is late but that are not lost."""
-        late, self._lost, self._silent = _survey(self.state.memory, self._drive_state)
+        late, self._lost, self._silent = _survey(self.state.memory, self._drive_state, self.isolated)
         if self._silent >= 0:  # whoever answers there later may be another drive
             self._forget_identities()
         return late
@@ -259,10 +285,13 @@ class Hardware:
         out = self._out
         if command is not None and not (self.goal is Goal.OPERATIONAL and self.operational):
             command = None
+        some_follow = command is not None and self._some_isolated
         if command is None:
             self._next_controlwords()
+        elif some_follow:
+            self._controlwords_of_isolated()
         count = self._protocol.encode_cycle(
-            command, self._controlwords, self.device_command, cycle, self._sequence, self._watchdog, out
+            command, self._controlwords, self.device_command, cycle, self._sequence, self._watchdog, out, some_follow
         )
         if not self._identified:  # Sync goes last
             count -= len(self.counters)
@@ -337,6 +366,17 @@ class Hardware:
                 rung = State.OPERATION_ENABLED if ready else State.SWITCHED_ON
                 words[:] = controlword_towards(rung, state, words)
 
+    def _controlwords_of_isolated(self) -> None:
+        """Theirs alone: the others follow."""
+        out, state = self.isolated, self._drive_state[self.isolated]
+        if self.returning:
+            ready = ((state == State.SWITCHED_ON) | (state == State.OPERATION_ENABLED)).all()
+            rung = State.OPERATION_ENABLED if ready else State.SWITCHED_ON
+            self._controlwords[out] = controlword_towards(rung, state, self._controlwords[out])
+        else:
+            self._controlwords[out] = CONTROLWORD[Command.QUICK_STOP]
+        self._controlwords[~out] = FOLLOW
+
 
 def _first(rows: npt.NDArray[np.bool_]) -> int:
     """The first row that is set; −1: none is."""
@@ -353,8 +393,8 @@ def _grow_older(joints, n, devices, d, cycles):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _survey(joints, drive_state):  # type: ignore[no-untyped-def]
-    """Fill `drive_state`; (drives whose reply is late but not yet lost, first lost, first silent), −1: none."""
+def _survey(joints, drive_state, isolated):  # type: ignore[no-untyped-def]
+    """Fill `drive_state`; (drives whose reply is late but not lost, first lost that is not isolated, first silent), −1: none."""
     stale, lost, silent, n = 0, -1, -1, drive_state.shape[0]
     age, status = joints[4 * n : 5 * n], joints[6 * n :].view(np.uint16)
     for j in range(n):
@@ -364,6 +404,6 @@ def _survey(joints, drive_state):  # type: ignore[no-untyped-def]
             silent = j if silent < 0 else silent
         elif age[j] > 0:
             stale += 1
-        if lost < 0 and (age[j] > LOST_AFTER or drive_state[j] != _OPERATION_ENABLED):
+        if lost < 0 and not isolated[j] and (age[j] > LOST_AFTER or drive_state[j] != _OPERATION_ENABLED):
             lost = j
     return stale, lost, silent

@@ -142,7 +142,7 @@ class Client:
         with self.events(DaemonStatus) as statuses:
             self.call(Enable())
             status = self.status()
-            while not status.enabled:
+            while not status.enabled or status.isolated:
                 left = deadline - time.monotonic()
                 if left <= 0:
                     late = [

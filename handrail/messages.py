@@ -150,7 +150,7 @@ class DaemonStatus(Message):
     time_ns: int
     clock: Literal["wall", "lockstep"]
     enabled: bool
-    """True when every drive is in operation enabled and a controller is active"""
+    """True when every drive is in operation enabled and a controller is active, those of `isolated` limbs aside"""
     stopped: bool
     """the operator stop is latched"""
     drives: list[DriveStatus]
@@ -163,6 +163,9 @@ class DaemonStatus(Message):
     """id of the running action"""
     holds: list[str] = []
     """who holds simulated time"""
+    isolated: list[str] = []
+    """limbs of an enabled robot that are out of it, since one of their drives failed: they are stopped, the rest is held and may be
+    moved. Enable takes them back in"""
     devices: list[DeviceStatus] = []
     """those of the robot's network, in the order of its description"""
     processes: dict[str, str] = {}

@@ -94,6 +94,7 @@ class _Run:
         self.plant.look(anew=True)
         self.plant.wait(REST_S, _PATIENCE_S)
         rest = self.plant.look()
+        status = self.daemon.call(m.GetStatus())
         verdict = judge(
             self.rig.description,
             motion,
@@ -101,7 +102,8 @@ class _Run:
             end=end,
             turned=rest.truth.hinges[OBJECT] - hinge,
             needed=self.turn.angle,
-            enabled=self.daemon.call(m.GetStatus()).enabled,
+            enabled=status.enabled,
+            isolated=status.isolated,
         )
         self.control.close()
         return Row(case=self.case, verdict=verdict, hits=hits)

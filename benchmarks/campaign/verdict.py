@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import msgspec
 
 from hal.hil.door import Seen
@@ -31,7 +33,15 @@ class Verdict(msgspec.Struct, kw_only=True):
 
 
 def judge(
-    description: RobotDescription, motion: Seen, rest: Seen, *, end: str, turned: float, needed: float, enabled: bool
+    description: RobotDescription,
+    motion: Seen,
+    rest: Seen,
+    *,
+    end: str,
+    turned: float,
+    needed: float,
+    enabled: bool,
+    isolated: Collection[str] = (),
 ) -> Verdict:
     """Judge a run.
 
@@ -39,22 +49,28 @@ def judge(
     :param rest: the last stretch, after the fault was taken away
     :param end: the motion's outcome, `done` where all of it was carried out
     :param turned: rad that the wheel turned; needed: rad for a success
-    :param enabled: the daemon says that the robot is enabled
+    :param enabled: the daemon says that the robot is enabled; isolated: but for these limbs
     """
+    out = {joint for limb in description.limbs if limb.name in isolated for joint in limb.joints}
     problems = beyond_limits(description, motion, FORCE_LIMIT_N) + beyond_limits(description, rest)
     for row, joint in enumerate(rest.joints):
         span = rest.highest[row] - rest.lowest[row]
         if span > STILL_RAD:
             problems.append(f"{joint} still moves, by {span:.4f} rad at the end")
         state = rest.states[row]
-        if not enabled and (state not in _DEAD or not rest.braked[row]):
+        live = enabled and joint not in out
+        if not live and (state not in _DEAD or not rest.braked[row]):
+            why = "its limb is isolated" if enabled else "the robot is not enabled"
             brake = "closed" if rest.braked[row] else "open"
-            problems.append(f"{joint} is in {state} with its brake {brake}, though the robot is not enabled")
-        if enabled and state != "operation_enabled":
+            problems.append(f"{joint} is in {state} with its brake {brake}, though {why}")
+        if live and state != "operation_enabled":
             problems.append(f"{joint} is in {state}, though the daemon says that the robot is enabled")
-    if not enabled and rest.transitions:
-        problems += [f"{one.joint} went to {one.state} by itself when the fault was gone" for one in rest.transitions]
-    success = end == "done" and enabled and turned >= needed
+    problems += [
+        f"{one.joint} went to {one.state} by itself when the fault was gone"
+        for one in rest.transitions
+        if not enabled or one.joint in out
+    ]
+    success = end == "done" and enabled and not out and turned >= needed
     if end == "done" and not success:
         problems.append(f"it says that it is done, but the wheel turned by {turned:.2f} rad of {needed:.2f}")
     speeds = [fast / limit for fast, limit in zip(motion.fastest, description.velocity_limit.tolist(), strict=True)]

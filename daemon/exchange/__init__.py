@@ -45,7 +45,14 @@ from daemon.exchange.records import (
     frame_names,
     snapshot_dtype,
 )
-from daemon.exchange.reports import action_event, active_controllers, claimed_interfaces, explain, robot_state
+from daemon.exchange.reports import (
+    action_event,
+    active_controllers,
+    claimed_interfaces,
+    explain,
+    isolated_limbs,
+    robot_state,
+)
 
 __all__ = [
     "COMMAND",
@@ -84,6 +91,7 @@ __all__ = [
     "encode_start",
     "explain",
     "frame_names",
+    "isolated_limbs",
     "robot_state",
     "snapshot_dtype",
 ]

@@ -28,13 +28,15 @@ class Flag(enum.IntFlag):
     """Bits of the snapshot's `flags`."""
 
     ENABLED = 1
-    """every drive in operation enabled and a controller active on every joint"""
+    """every drive in operation enabled and a controller active on every joint, isolated limbs aside"""
     STOPPED = 2
     """the operator stop is latched"""
     ENABLING = 4
     """on the way to operation enabled"""
     HELD = 8
     """simulated time is held"""
+    ISOLATED = 16
+    """some limbs of an enabled robot are out of it: their joints have no claims"""
 
 
 class ActionState(enum.IntEnum):
@@ -140,6 +142,8 @@ class Answer(enum.IntEnum):
     """a controller raised an exception when it should take over"""
     ROSTER_CHANGED = 18
     """other controllers are loaded than the caller knew of"""
+    ISOLATED = 19
+    """the limb of `answer_joint` is out of the robot, since one of its drives failed"""
 
 
 class Rule(enum.IntEnum):
@@ -151,7 +155,7 @@ class Rule(enum.IntEnum):
     PROTOCOL = 2
     """the drive of `joint` speaks another version of its protocol"""
     DRIVE_FAULT = 3
-    """the drive of `joint` left operation enabled, or is silent; −1: the drives did not come to operation in time"""
+    """the drive of `joint` left operation enabled, or is silent"""
     NOT_FINITE = 4
     """a controller's set-point of `joint` was no finite number"""
     HELD_BACK = 5

@@ -8,8 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Outcome
+from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Flag, Outcome
 from handrail.messages import ActionEvent, EndCondition, RobotState
+from handrail.robot.description import RobotDescription
 
 _NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
 _NO_NAMES: Mapping[int, str] = MappingProxyType({})
@@ -43,6 +44,14 @@ def active_controllers(
 def claimed_interfaces(snapshot: np.ndarray, code: int) -> list[str]:
     """What a controller claims of at least one joint, of COMMAND_ROWS."""
     return [row for row, claimed in zip(COMMAND_ROWS, (snapshot["claims"] == code).any(axis=1), strict=True) if claimed]
+
+
+def isolated_limbs(snapshot: np.ndarray, description: RobotDescription) -> list[str]:
+    """Limbs of an enabled robot that are out of it: nobody commands their joints."""
+    if Flag.ISOLATED not in Flag(int(snapshot["flags"])):
+        return []
+    out = set(description.limb_of_joint[(snapshot["claims"] == 0).all(axis=0)].tolist())
+    return [limb.name for row, limb in enumerate(description.limbs) if row in out]
 
 
 def action_event(
@@ -154,6 +163,13 @@ def explain(
             "drive",
             joint,
             "a drive without fault",
+        ),
+        Answer.ISOLATED: (
+            f"the limb of {joint} is out of the robot, since a drive of it failed{problem and ': '}{problem}; remove the cause, "
+            f"then Enable (`handrail safety explain`)",
+            "motion.joints",
+            joint,
+            "joints of limbs that are not isolated",
         ),
         Answer.PROTOCOL_MISMATCH: (
             f"the drive of {joint} speaks another version of its protocol: update its firmware, or Handrail "

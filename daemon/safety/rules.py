@@ -1,4 +1,4 @@
-"""Rules about the joints that an action moves: pure functions of what was commanded and what was measured."""
+"""Rules about joints: pure functions of what was commanded, what was measured and what the drives say."""
 
 from __future__ import annotations
 
@@ -54,6 +54,14 @@ def unsafe(seen: Followed) -> Trip | None:
     if not seen.off <= DIVERGED:
         return Trip(Rule.DIVERGED, seen.farthest, seen.off, DIVERGED)
     return None
+
+
+def isolated_with(lost: NDArray[np.bool_], limb: NDArray[np.int64], isolated: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) joints of all limbs that must be out of the robot: those in which a drive is `lost`, and those that are out already.
+
+    `limb`: (n,) each joint's.
+    """
+    return np.isin(limb, limb[lost]) | isolated
 
 
 @compiled

@@ -40,8 +40,9 @@ TABLE: dict[Rule, Words] = {
     ),
     Rule.DRIVE_FAULT: Words(
         "a drive faults, leaves operation, does not answer for 50 cycles, or does not come to operation within 2 s",
-        "every drive quick-stops; all actions end",
-        "remove the cause (`handrail hardware status`), then enable, which resets the fault",
+        "its limb is isolated: all its drives quick-stop and stay so; all actions end and the other limbs hold, and may be moved. "
+        "Where no other limb is left, every drive quick-stops",
+        "remove the cause (`handrail hardware status`), then enable: that resets the fault and holds the limb where it is measured",
         "the drive of {joint}",
     ),
     Rule.NOT_FINITE: Words(

@@ -31,7 +31,7 @@ from hal.drives.fields import (
     Field,
     Role,
 )  # fmt: skip
-from hal.drives.lifecycle import COMMAND_OF_CONTROLWORD, INTERNAL_LIMIT, WARNING, State, statusword
+from hal.drives.lifecycle import COMMAND_OF_CONTROLWORD, FOLLOW, INTERNAL_LIMIT, WARNING, State, statusword
 from hal.drives.order import is_fresh_answer, is_fresh_state
 from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take_parameter
 from hal.drives.rows import device_state, joint_command, joint_state
@@ -50,10 +50,11 @@ _CONTROLWORD, _STATUS, _STATE = int(Field.CONTROLWORD), int(Field.STATUS), int(F
 _WARNING, _LIMIT, _ERROR, _WATCHDOG = int(Field.WARNING), int(Field.LIMIT), int(Field.ERROR), int(Field.WATCHDOG)
 _COLUMN, _CONSTANT = int(Field.COLUMN), int(Field.CONSTANT)
 _SEQUENCE, _CYCLE = int(Field.SEQUENCE), int(Field.CYCLE)
-_R_CONTROL, _R_STATUS, _R_MASTER = int(Role.CONTROL), int(Role.STATUS), int(Role.MASTER_STATUS)
+_R_CONTROL, _R_COMMAND = int(Role.CONTROL), int(Role.COMMAND)
+_R_STATUS, _R_MASTER = int(Role.STATUS), int(Role.MASTER_STATUS)
 _R_REPLY, _R_DEVICE_COMMAND = int(Role.PARAMETER_REPLY), int(Role.DEVICE_COMMAND)
 _R_DEVICE_STATUS = int(Role.DEVICE_STATUS)
-_WRITTEN = (_R_CONTROL, int(Role.COMMAND), _R_DEVICE_COMMAND, int(Role.SYNC), int(Role.HOLD_TIME))
+_WRITTEN = (_R_CONTROL, _R_COMMAND, _R_DEVICE_COMMAND, int(Role.SYNC), int(Role.HOLD_TIME))
 _M_DAMPING, _M_TORQUE = int(Mode.DAMPING), int(Mode.TORQUE)
 _STATUSWORDS = statusword(np.arange(len(State)))
 _DRIFT = 1.0 / 8192.0
@@ -65,6 +66,7 @@ def encode_host(
 ):
     """Write the frames of `roles` (bits, 1 << Role) in the order in which a host sends them; how many.
 
+    Where both controlwords and commands are asked for, a limb gets commands if its controlword is FOLLOW, else controlwords.
     A device is written to when somebody commands it and its cycle has come. A value that is not finite ends it:
     −1 − (8 joint + field), or −1 − 8 n − (COMMANDED device + column).
     """
@@ -73,13 +75,15 @@ def encode_host(
     frames, ops, scales, lookups, _, _, payloads, spans = borrowed(tables(code))
     n = controlwords.shape[0]
     table, mode = borrowed(joint_command(joint_memory, n))
-    k = 0
+    k, both = 0, (roles >> _R_CONTROL) & 1 and (roles >> _R_COMMAND) & 1
     for role in _WRITTEN:
         if not (roles >> role) & 1:
             continue
         for f in range(spans[role, 0], spans[role, 1]):
             entity, first = frames[f, ENTITY], WORDS * k + DATA
             if role == _R_DEVICE_COMMAND and not (device_commanded[entity] and cycle % frames[f, EVERY] == 0):
+                continue
+            if both and role <= _R_COMMAND and (controlwords[entity] == FOLLOW) != (role == _R_COMMAND):
                 continue
             begin(words, k, np.uint64(frames[f, HEAD]))
             if role == _R_CONTROL and frames[f, PAYLOAD] >= 0:

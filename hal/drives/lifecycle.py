@@ -65,6 +65,9 @@ class DriveError(enum.IntEnum):
 CONTROLWORD = np.array([0x00, 0x02, 0x06, 0x07, 0x0F, 0x80], np.uint8)
 """Controlword of each Command, low byte."""
 
+FOLLOW = 0xFF
+"""No controlword: the drive is written a set-point instead, in a cycle in which others are not (LimbProtocol.encode_cycle)."""
+
 _STATUSWORD = np.array([0x0000, 0x0040, 0x0021, 0x0023, 0x0027, 0x0007, 0x000F, 0x0008], np.uint16)
 
 VOLTAGE_ENABLED = 0x0010

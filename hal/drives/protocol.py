@@ -27,6 +27,7 @@ WATCHDOG_CYCLES = 20
 _CONTROLS, _COMMANDS, _DEVICES = 1 << Role.CONTROL, 1 << Role.COMMAND, 1 << Role.DEVICE_COMMAND
 _SYNCS, _HOLDS = 1 << Role.SYNC, 1 << Role.HOLD_TIME
 _MOVE, _POLL = _COMMANDS | _DEVICES | _SYNCS, _CONTROLS | _DEVICES | _SYNCS
+_SOME_MOVE = _MOVE | _CONTROLS
 
 
 @dataclass(frozen=True)
@@ -159,9 +160,12 @@ class LimbProtocol:
         sequence: int,
         watchdog: int,
         out: npt.NDArray[np.void],
+        some_follow: bool = False,
     ) -> int:
         """Write all that a host sends in a cycle: the joints' commands, or where there is none their controlwords (n,); the
         commands of the devices that somebody commands and whose turn it is; last of all a Sync a channel. Returns how many frames.
+
+        some_follow: commands only for the limbs whose controlwords are lifecycle.FOLLOW, controlwords for the others.
 
         sequence: 0..255; watchdog: host cycles, 0..255. Values beyond the range of their signal saturate. Raises ValueError
         naming joint and field, or device and column, for a value that is not finite; nothing of `out` may be sent then.
@@ -169,7 +173,8 @@ class LimbProtocol:
         self._sent = sequence & 0xFF
         if command is None:
             return self._encode(_POLL, out, self._no_command, controlwords, devices, cycle, sequence, watchdog)
-        return self._encode(_MOVE, out, command, controlwords, devices, cycle, sequence, watchdog)
+        roles = _SOME_MOVE if some_follow else _MOVE
+        return self._encode(roles, out, command, controlwords, devices, cycle, sequence, watchdog)
 
     def encode_commands(self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]) -> int:
         """Write the joints' commands only; as `encode_cycle`."""

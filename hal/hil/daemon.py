@@ -126,7 +126,7 @@ class Daemon:
     def enable(self) -> m.DaemonStatus:
         """Take the robot to operation enabled, and wait until it holds."""
         self.call(m.Enable())
-        return self.wait_status(lambda status: status.enabled, "enabled")
+        return self.wait_status(lambda status: status.enabled and not status.isolated, "enabled")
 
     def start(self, motion: m.Motion, *ends: m.EndCondition) -> str:
         """Start an action of the test's; its id."""

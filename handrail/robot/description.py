@@ -290,6 +290,12 @@ class RobotDescription:
             return rows[joints]
         return np.array([rows[joint] for joint in joints], dtype=np.intp)
 
+    @property
+    def limb_of_joint(self) -> np.ndarray:
+        """(n,) the row in `limbs` that carries each joint."""
+        rows = {joint: row for row, limb in enumerate(self.limbs) for joint in limb.joints}
+        return np.array([rows[joint] for joint in self.joints], dtype=np.intp)
+
     def home_position(self, name: str = "ready") -> np.ndarray:
         """A home posture as rad (n,). Raises KeyError when there is none of that name."""
         return np.array([self.home[name][joint] for joint in self.joints])

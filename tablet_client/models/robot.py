@@ -82,7 +82,7 @@ class Robot:
             return "no_robot"
         if self.status.stopped:
             return "stopped"
-        return "already_enabled" if self.status.enabled else ""
+        return "already_enabled" if self.status.enabled and not self.status.isolated else ""
 
     def why_not_clear(self) -> str:
         """Code of the reason why Clear stop can't be pressed; empty when it can."""

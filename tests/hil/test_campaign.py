@@ -66,6 +66,27 @@ def test_a_done_turn_is_a_success_and_a_robot_stopped_behind_its_brakes_is_safe(
     assert verdict(end="pose_error", turned=0.1).outcome == "safe"
 
 
+ARM = [row for row, joint in enumerate(ROBOT.joints) if joint.startswith("arm_left")]
+
+
+def arm_out(**changes: object) -> Seen:
+    """The left arm is stopped behind its brakes, the rest is held."""
+    states = ["quick_stop_active" if row in ARM else "operation_enabled" for row in range(N)]
+    return seen(**{"states": states, "braked": [row in ARM for row in range(N)]} | changes)
+
+
+def test_a_robot_that_is_held_but_for_an_isolated_limb_is_safe_and_no_success():
+    told = {"end": "drive_fault", "turned": 0.1, "isolated": ["arm_left"]}
+    assert verdict(rest=arm_out(), **told).outcome == "safe"
+    assert verdict(rest=arm_out(), **told | {"end": "done", "turned": 0.5}).outcome == "unsafe"
+    open_brake = verdict(rest=arm_out(braked=[False] * N), **told)
+    assert any("its limb is isolated" in problem for problem in open_brake.problems)
+    held_down = verdict(rest=arm_out(), **told | {"isolated": []})
+    assert any("though the daemon says that" in problem for problem in held_down.problems)
+    back = [Transition(time_ns=1, joint=ROBOT.joints[ARM[0]], state="switched_on", error="none")]
+    assert any("by itself" in problem for problem in verdict(rest=arm_out(transitions=back), **told).problems)
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [

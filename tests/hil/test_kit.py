@@ -45,15 +45,24 @@ def test_a_loop_that_hangs_is_stopped_by_the_drives_and_does_not_move_them_when_
     robot.plant.assert_still()
 
 
-def test_a_drive_that_faults_stops_the_robot_and_is_named(robot):
+def test_a_drive_that_faults_stops_its_limb_is_named_and_the_rest_holds_and_may_move(robot):
     robot.plant.drive_error("arm_left_4_joint", "encoder")
-    status = robot.daemon.wait_status(lambda status: not status.enabled, "the robot is stopped")
+    status = robot.daemon.wait_status(lambda status: status.isolated, "a limb is isolated")
+    assert status.isolated == ["arm_left"]
     assert {drive.joint: drive.error for drive in status.drives}["arm_left_4_joint"] != 0
-    robot.plant.wait_state(["arm_right", "torso_head"], "quick_stop_active")
+    rest = [*robot.joints("arm_right"), *robot.joints("torso_head")]
+    arm = [joint for joint in robot.joints("arm_left") if joint != "arm_left_4_joint"]
+    robot.plant.wait_state(arm, "quick_stop_active")
+    robot.plant.wait_state(rest, "operation_enabled")
     robot.plant.wait(0.3)  # a quick stop damps for a quarter of a second, then the brakes close
     robot.plant.assert_still()
-    with pytest.raises(RefusedError):
-        robot.begin("head_1_joint", 0.1)
+    with pytest.raises(RefusedError, match="arm_left_2_joint is out of the robot"):
+        robot.begin("arm_left_2_joint", 0.1)
+    assert robot.move("head_1_joint", 0.1, 0.3) == "done"
+    robot.enable()
+    assert not robot.daemon.call(m.GetStatus()).isolated
+    robot.plant.wait_state("*", "operation_enabled")
+    robot.plant.assert_still()
 
 
 def test_what_is_no_drive_error_no_joint_or_no_fault_is_refused_in_words(plant, bus):
@@ -86,7 +95,7 @@ def test_a_robot_whose_host_is_cut_off_stops_by_itself_and_stays_when_the_cable_
         robot.plant.assert_quick_stops(
             "*", since_ns=cut_ns, within_cycles=30
         )  # the cut came some cycles after the look
-        assert robot.daemon.wait_end(action).outcome == "drive_fault"
+        assert robot.daemon.wait_end(action).outcome == "stale_state", "before the drives count as lost"
         robot.plant.wait(0.3)
     robot.plant.assert_still()
     assert not robot.daemon.call(m.GetStatus()).enabled
@@ -96,9 +105,10 @@ def test_a_robot_whose_host_is_cut_off_stops_by_itself_and_stays_when_the_cable_
 
 def test_a_drive_that_answers_the_same_for_ever_is_not_believed(robot):
     with robot.bus.fault("stuck", node="arm_right_4_joint"):
-        status = robot.daemon.wait_status(lambda status: not status.enabled, "the stuck drive is found out")
-    assert not status.enabled
-    robot.plant.wait_state("*", "quick_stop_active")
+        status = robot.daemon.wait_status(lambda status: status.isolated, "the stuck drive is found out")
+    assert status.isolated == ["arm_right"]
+    robot.plant.wait_state("arm_right", "quick_stop_active")
+    robot.plant.wait_state(robot.joints("arm_left"), "operation_enabled")
 
 
 @pytest.mark.handrail(robot="z1")

@@ -75,6 +75,8 @@ class JointDrives:
         """N·m by which each of them, but the first, changed the drives' torque at the state of that moment"""
         self.beats = 0
         self.control_frames = self.command_frames = 0
+        self.commanded = np.zeros(n, bool)
+        """drives that were told set-points last"""
         self._period = description.period_ns * 1e-9
         self._kinematics, self._protocol = kinematics, protocol
         self._inertia = np.diag(kinematics.mass_matrix(description.home_position())) + 0.05
@@ -87,9 +89,11 @@ class JointDrives:
         self.beats += self.targets.holds
         if self.targets.controlled.any():
             self.control_frames += 1
-            words = self.targets.controlword
-            self.life = lifecycle.transition(self.life, words, self._previous)
-            self._previous = words.copy()
+            words, told = self.targets.controlword, self.targets.controlled
+            self.life = np.where(told, lifecycle.transition(self.life, words, self._previous), self.life)
+            self._previous = np.where(told, words, self._previous)
+        if self.targets.syncs:
+            self.commanded = self.targets.commanded.copy()
         if self.targets.commanded.any():
             self.command_frames += 1
             copy = JointCommand(len(self.life))
@@ -105,7 +109,7 @@ class JointDrives:
         moving = self.life == State.OPERATION_ENABLED
         gravity = self._kinematics.gravity(state.position)
         for _ in range(10):
-            torque = effective(command, state) if self.targets.commanded.all() else np.zeros(n)
+            torque = np.where(self.targets.commanded, effective(command, state), 0.0)
             if self.saturate:
                 torque = np.clip(torque, -self._limit, self._limit)
             acceleration = (torque - gravity + self.external_torque) / self._inertia

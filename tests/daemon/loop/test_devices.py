@@ -7,6 +7,7 @@ import pytest
 
 from daemon.exchange import Answer, Flag, Kind
 from hal.device import SILENT_AFTER
+from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
 from handrail.robot.description import Device
 
@@ -115,7 +116,7 @@ def test_the_loop_keeps_a_gripper_within_its_limits_whatever_it_is_ordered(hand:
     assert hand.column == [1.0, SPEED, EFFORT, 1.0]
 
 
-@pytest.mark.parametrize("how", ["stop", "disable", "a lost drive"])
+@pytest.mark.parametrize("how", ["stop", "disable", "all drives lost"])
 def test_whatever_takes_the_robot_out_of_operation_takes_its_gripper_with_it(hand: Hand, how: str) -> None:
     hand.enable()
     hand.ask(0.6, 0.5, 20.0)
@@ -124,11 +125,20 @@ def test_whatever_takes_the_robot_out_of_operation_takes_its_gripper_with_it(han
     elif how == "disable":
         hand.ask_kind(Kind.DISABLE)
     else:
-        hand.bench.drives.silent[3] = True
+        hand.bench.drives.silent[:] = True
         hand.run(LOST_AFTER + 2)
     hand.run()
     assert hand.column[ENABLE] == 0.0
     assert hand.told.commanded[HAND], "it goes on being told to stay out of operation"
+
+
+def test_a_gripper_goes_on_holding_while_a_limb_is_isolated(hand: Hand) -> None:
+    hand.enable()
+    hand.ask(0.6, 0.5, 20.0)
+    hand.bench.drives.life[3] = State.FAULT
+    hand.run(5)
+    assert hand.bench.loop.life.isolated
+    assert hand.column == [0.6, 0.5, 20.0, 1.0]
 
 
 def test_enabling_anew_does_not_go_on_with_an_old_order(hand: Hand) -> None:

@@ -157,26 +157,6 @@ def test_a_datagram_that_says_nothing_changes_nothing(bench, datagram: bytes) ->
     assert bench.run(3)["flags"] == Flag.ENABLED
 
 
-@pytest.mark.parametrize("how", ["fault", "quick stop", "silence"])
-def test_losing_one_drive_ends_the_action_and_quick_stops_all(bench, how: str) -> None:
-    bench.enable()
-    bench.start(bench.move("arm_left_2_joint", 0.3, 2.0))
-    bench.run(30)
-    if how == "silence":
-        bench.drives.silent[3] = True
-        snapshot = bench.run(LOST_AFTER - 1)
-        assert snapshot["flags"] == Flag.ENABLED, "a few lost replies are no lost drive"
-        snapshot = bench.run(5)
-    else:
-        bench.drives.life[3] = State.FAULT if how == "fault" else State.QUICK_STOP_ACTIVE
-        snapshot = bench.run(3)
-    assert snapshot["flags"] == 0
-    assert bench.action() == (ActionState.ENDED, Outcome.DRIVE_FAULT)
-    assert snapshot["actions"][0]["joint"] == 3
-    others = np.arange(len(bench.drives.life)) != 3
-    assert (bench.drives.life[others] == State.QUICK_STOP_ACTIVE).all()
-
-
 def test_a_command_that_is_no_number_ends_its_action_in_a_hold(bench, monkeypatch) -> None:
     bench.enable()
     bench.start(bench.move("arm_right_1_joint", 0.3))

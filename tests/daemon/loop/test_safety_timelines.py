@@ -14,7 +14,7 @@ from daemon import cli
 from daemon.drive_reports import drive_problems
 from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
 from daemon.safety.report import safety_report
-from daemon.safety.rules import DIVERGED, STALE, Followed, followed, unsafe
+from daemon.safety.rules import DIVERGED, STALE, Followed, followed, isolated_with, unsafe
 from daemon.safety.table import TABLE, markdown
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
@@ -92,12 +92,17 @@ def protocol(bench: Any) -> None:
 
 
 def drive_fault(bench: Any) -> None:
-    row = bench.index(OTHER)
+    row, limb = bench.index(OTHER), bench.description.limb_of_joint
+    arm = limb == limb[row]
     bench.start(bench.move(JOINT, 0.3))
     bench.run(10)
     bench.drives.life[row] = State.FAULT
     bench.run(3)
-    assert (bench.drives.life[others(bench, row)] == State.QUICK_STOP_ACTIVE).all()
+    assert bench.drives.life[row] == State.FAULT
+    assert (bench.drives.life[arm & others(bench, row)] == State.QUICK_STOP_ACTIVE).all()
+    assert (bench.drives.life[~arm] == State.OPERATION_ENABLED).all()
+    assert bench.snapshot()["flags"] == Flag.ENABLED | Flag.ISOLATED
+    assert bench.action() == (ActionState.ENDED, Outcome.DRIVE_FAULT)
     assert tripped(bench, Rule.DRIVE_FAULT)["holds"]
     assert tripped(bench, Rule.DRIVE_FAULT)["joint"] == row
     bench.enable()
@@ -299,6 +304,16 @@ def test_the_explanation_names_the_rule_that_holds_the_robot_and_how_to_recover(
     assert [rule.rule for rule in rules] == ["operator_stop", "drive_fault"]
     assert "talos_upper is stopped, held by operator_stop (too close)" in text
     assert "tripped before" in text
+
+
+def test_limbs_are_isolated_whole_and_those_that_are_stay_out() -> None:
+    limb = np.array([0, 0, 1, 1, 2, 2])
+    nobody, lost = np.zeros(6, bool), np.array([0, 0, 0, 1, 0, 0], bool)
+    assert not isolated_with(nobody, limb, nobody).any()
+    one = isolated_with(lost, limb, nobody)
+    assert one.tolist() == [False, False, True, True, False, False]
+    assert isolated_with(nobody, limb, one).tolist() == one.tolist()
+    assert isolated_with(limb == 0, limb, one).tolist() == [True, True, True, True, False, False]
 
 
 def state_at(position: float, age: int) -> JointState:

@@ -18,6 +18,7 @@ power         voltage V, current A, charge 0..1, temperature °C, relay (1: clos
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 MEASURED, COMMANDED = 16, 8
 """Columns that a device's rows have room for."""
@@ -49,11 +50,19 @@ class DeviceState:
 class DeviceCommand:
     """What is about to be written; one row a device, in the description's order."""
 
-    def __init__(self, n: int):
-        self.values = np.zeros((n, COMMANDED))
+    def __init__(self, n: int, memory: npt.NDArray[np.int64] | None = None):
+        """memory: where it lies, in a piece (`words` of n,) of zeros that holds more; left out, in one of its own."""
+        self.memory = np.zeros(self.words(n), np.int64) if memory is None else memory
+        """everything below, in one piece for kernels"""
+        self.values = self.memory[: COMMANDED * n].view(np.float64).reshape(n, COMMANDED)
         """the family's commanded columns, in its order"""
-        self.commanded = np.zeros(n, np.bool_)
+        self.commanded = self.memory[COMMANDED * n :].view(np.bool_)[:n]
         """devices that somebody commands: the others are not written to"""
+
+    @staticmethod
+    def words(n: int) -> int:
+        """How long its memory is."""
+        return COMMANDED * n + (n + 7) // 8
 
     def __len__(self) -> int:
         return len(self.commanded)

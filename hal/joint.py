@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 
 import numpy as np
+import numpy.typing as npt
 
 MEASURED = ("position", "velocity", "torque", "temperature")
 """Rows of `JointState.table`."""
@@ -52,8 +53,9 @@ class JointState:
 class JointCommand:
     """What is about to be written. All arrays have shape (n,), but for `memory` and `table`, whose views they are, as above."""
 
-    def __init__(self, n: int):
-        self.memory = np.zeros(5 * n + (n + 7) // 8, np.int64)
+    def __init__(self, n: int, memory: npt.NDArray[np.int64] | None = None):
+        """memory: where it lies, in a piece (`words` of n,) of zeros that holds more; left out, in one of its own."""
+        self.memory = np.zeros(self.words(n), np.int64) if memory is None else memory
         """everything below, in one piece: 5n float64, n uint8"""
         self.table = self.memory[: 5 * n].view(np.float64).reshape(len(COMMANDED), n)
         """the rows `COMMANDED`, for what looks at all of them at once; the five arrays below are views of them"""
@@ -61,6 +63,11 @@ class JointCommand:
         """rad; rad/s; N·m, feed-forward; N·m/rad; N·m·s/rad"""
         self.mode = self.memory[5 * n :].view(np.uint8)[:n]
         """Mode"""
+
+    @staticmethod
+    def words(n: int) -> int:
+        """How long its memory is."""
+        return len(COMMANDED) * n + (n + 7) // 8
 
     def __len__(self) -> int:
         return len(self.position)

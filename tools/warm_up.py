@@ -35,11 +35,18 @@ def delete_leftovers(package: Path) -> None:
 
 def _robot() -> None:
     """What bus, drives, plant and loop are made of."""
+    import numpy as np
+
     from daemon.warm_up import warm_up
+    from hal.can import frames
+    from hal.can.codec import Codec
     from hal.can.hub import Hub
     from hal.can.port import HubPort
+    from hal.drives import DBC_FILES
+    from hal.drives.crc import crc_of
     from hal.drives.protocol import LimbProtocol
     from hal.hardware import Hardware
+    from hal.joint import JointCommand
     from hal.plant import service
     from hal.plant.bus_node import BusNode
     from hal.plant.scene import load
@@ -62,7 +69,13 @@ def _robot() -> None:
             serving.join()
             hub.close()
     service.warm_up(description, load("valve"))
-    BusNode(World(description, load("valve")))
+    node, records = BusNode(World(description, load("valve"))), frames.empty(protocol.frames_a_cycle)
+    node.receive(records[: protocol.encode_commands(JointCommand(len(protocol.joints)), 0, 20, records)])
+    node.answer()
+
+    codec, crc = Codec.from_file(DBC_FILES["limb_fd"]), np.zeros(8, np.uint64)
+    codec.decode("Sync", codec.encode("Sync", np.zeros((1, 1)), records))
+    crc_of(crc, 0, 0, 8, 0)
 
 
 def _whole_body() -> None:

@@ -12,7 +12,8 @@ from numba import njit
 
 from hal.can.arbitration import bus_of
 from hal.can.frames import DATA, WORDS
-from hal.drives.borrowing import borrowed
+from hal.device import COMMANDED as DEVICE_COLUMNS
+from hal.drives.borrowing import borrowed, piece
 from hal.drives.fields import (
     COLUMN,
     END,
@@ -41,18 +42,20 @@ from hal.drives.lifecycle import (
 )
 from hal.drives.order import LATE, NEXT, order_at_drive
 from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take_parameter
-from hal.drives.rows import joint_command, joint_state
+from hal.drives.rows import device_command, joint_command, joint_state
 from hal.drives.signals import (
     begin,
     frame_of,
     get_raw,
     get_value,
+    joints_and_devices,
     put_raw,
     put_value,
     sequence_of,
     sign,
     tables,
     valid,
+    words_of,
 )
 from handrail.compiled import compiled
 
@@ -66,7 +69,8 @@ that were refused for their order, and of Syncs; how many of this batch's contro
 somebody; the nodes' own watchdog, in cycles; how many drives and nodes there are."""
 HOST = 12
 ROWS = HOST + MOST_PARAMETERS * PARAMETER_COLUMNS
-"""Where a target's memory goes on behind these entries and the parameter requests: nodes' last hearing, then flags."""
+"""Where a target's memory goes on behind these entries and the parameter requests: nodes' last hearing, then `places`."""
+
 
 _DAMPING, _TORQUE, _TEMPERATURE = int(Field.DAMPING), int(Field.TORQUE), int(Field.TEMPERATURE)
 _MODE, _CONTROLWORD, _STATUS, _STATE = int(Field.MODE), int(Field.CONTROLWORD), int(Field.STATUS), int(Field.STATE)
@@ -78,6 +82,15 @@ _R_REQUEST, _R_DEVICE_COMMAND = int(Role.PARAMETER_REQUEST), int(Role.DEVICE_COM
 _R_DEVICE_STATUS = int(Role.DEVICE_STATUS)
 _ANSWERED = (int(Role.STATUS), int(Role.MASTER_STATUS), _R_DEVICE_STATUS)
 _SWITCH_ON, _ENABLE = int(Command.SWITCH_ON), int(Command.ENABLE_OPERATION)
+
+
+@compiled
+def places(n, nodes):
+    """Where in a target's memory flags, JointCommand and DeviceCommand of its drives (n) and devices begin; where it ends."""
+    flags = ROWS + nodes
+    command = flags + (FLAGS * nodes + 7) // 8
+    devices = command + 5 * n + (n + 7) // 8
+    return flags, command, devices, devices + DEVICE_COLUMNS * (nodes - n) + (nodes - n + 7) // 8
 
 
 @njit(inline="always")
@@ -118,19 +131,20 @@ def _listen(words, first, f, frames, ops, memory, flags, now, check):
 
 
 @compiled
-def decode_host(records, count, code, command_memory, device_values, memory, cycle, check):
+def decode_host(records, count, code, memory, cycle, check):
     """Take the host's frames among the first `count` records in; (good, refused).
 
     memory: a target's. cycle: host cycles that have passed on the nodes' own clock; −1: as many as Syncs have come. check: frames
     whose sequence does not go on count for nothing, and one that begins a stream does not take a drive further.
     """
-    words, device_values = borrowed(records.view(np.uint64)), borrowed(device_values)
-    memory = borrowed(memory)
+    words, memory = words_of(records), borrowed(memory)
+    frames, ops, scales, lookups, ids, long_ids, payloads, spans = tables(code)
     n, nodes = memory[DRIVES], memory[NODES]
-    frames, ops, scales, lookups, ids, long_ids, payloads, spans = borrowed(tables(code))
-    table, mode = borrowed(joint_command(command_memory, n))
-    requests = memory[HOST:ROWS].reshape(MOST_PARAMETERS, PARAMETER_COLUMNS)
-    flags = memory[ROWS + nodes :].view(np.uint8)[: FLAGS * nodes].reshape(FLAGS, nodes)
+    flags_at, command_at, devices_at, _ = places(n, nodes)
+    requests = piece(memory, HOST, (MOST_PARAMETERS, PARAMETER_COLUMNS), np.int64)
+    flags = piece(memory, flags_at, (FLAGS, nodes), np.uint8)
+    table, mode = joint_command(memory, n, command_at)
+    device_values, _ = device_command(memory, nodes - n, devices_at)
     flags[COMMANDED : ANSWERS + 1, :] = 0
     memory[SYNCS] = memory[HOLDS] = memory[REQUESTS] = memory[CONTROLS] = memory[COMMANDS] = memory[TOLD] = 0
     good, refused = 0, 0
@@ -182,9 +196,9 @@ def decode_host(records, count, code, command_memory, device_values, memory, cyc
             memory[REPEATED] += late > 0
             continue
         good += 1
-        for o in range(frames[f, FIRST], frames[f, END]):
-            field, row = ops[o, FIELD], ops[o, ROW]
-            node = n + row if device else row
+        for o in range(np.uint64(frames[f, FIRST]), np.uint64(frames[f, END])):
+            field, row = np.uint64(ops[o, FIELD]), np.uint64(ops[o, ROW])
+            node = np.uint64(n) + row if device else row
             if flags[ORDER, node] == LATE:
                 continue
             value = get_value(words, first, ops, scales, lookups, o)
@@ -220,11 +234,13 @@ def encode_answers(records, code, owed, joint_memory, mode, device_values, devic
 
     Each frame of a device has its next sequence number.
     """
-    words, owed, mode = borrowed(records.view(np.uint64)), borrowed(owed), borrowed(mode)
+    words, owed, mode = words_of(records), borrowed(owed), borrowed(mode)
     device_values, device_sequence, senders = borrowed(device_values), borrowed(device_sequence), borrowed(senders)
-    frames, ops, scales, lookups, _, _, _, spans = borrowed(tables(code))
-    n = mode.shape[0]
-    table, _, status, octets = borrowed(joint_state(joint_memory, n))
+    frames, ops, scales, lookups, _, _, _, spans = tables(code)
+    n, d = joints_and_devices(code)
+    if mode.shape[0] < n or owed.shape[0] < n + d:
+        raise ValueError("mode, owed: fewer than the robot has joints, and nodes")
+    table, _, status, octets = joint_state(joint_memory, n)
     k = 0
     for role in _ANSWERED:
         device = role == _R_DEVICE_STATUS

@@ -11,7 +11,7 @@ import numpy as np
 
 from hal.can.frames import DATA, WORDS
 from hal.device import COMMANDED
-from hal.drives.borrowing import borrowed
+from hal.drives.borrowing import borrowed, piece
 from hal.drives.fields import (
     COLUMN,
     END,
@@ -34,8 +34,21 @@ from hal.drives.fields import (
 from hal.drives.lifecycle import COMMAND_OF_CONTROLWORD, FOLLOW, INTERNAL_LIMIT, WARNING, State, statusword
 from hal.drives.order import is_fresh_answer, is_fresh_state
 from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take_parameter
-from hal.drives.rows import device_state, joint_command, joint_state
-from hal.drives.signals import begin, frame_of, get_raw, get_value, put_raw, put_value, sequence_of, sign, tables, valid
+from hal.drives.rows import device_command, device_state, joint_command, joint_state
+from hal.drives.signals import (
+    begin,
+    frame_of,
+    get_raw,
+    get_value,
+    joints_and_devices,
+    put_raw,
+    put_value,
+    sequence_of,
+    sign,
+    tables,
+    valid,
+    words_of,
+)
 from hal.joint import Mode
 from handrail.compiled import compiled
 
@@ -61,20 +74,20 @@ _DRIFT = 1.0 / 8192.0
 
 
 @compiled
-def encode_host(
-    records, code, roles, joint_memory, controlwords, device_values, device_commanded, cycle, sequence, watchdog
-):
+def encode_host(records, code, roles, joint_memory, controlwords, device_memory, cycle, sequence, watchdog):
     """Write the frames of `roles` (bits, 1 << Role) in the order in which a host sends them; how many.
 
     Where both controlwords and commands are asked for, a limb gets commands if its controlword is FOLLOW, else controlwords.
     A device is written to when somebody commands it and its cycle has come. A value that is not finite ends it:
     −1 − (8 joint + field), or −1 − 8 n − (COMMANDED device + column).
     """
-    words, controlwords = borrowed(records.view(np.uint64)), borrowed(controlwords)
-    device_values, device_commanded = borrowed(device_values), borrowed(device_commanded)
-    frames, ops, scales, lookups, _, _, payloads, spans = borrowed(tables(code))
-    n = controlwords.shape[0]
-    table, mode = borrowed(joint_command(joint_memory, n))
+    words, controlwords = words_of(records), borrowed(controlwords)
+    frames, ops, scales, lookups, _, _, payloads, spans = tables(code)
+    n, d = joints_and_devices(code)
+    if controlwords.shape[0] < n:
+        raise ValueError("controlwords: fewer than the robot has joints")
+    table, mode = joint_command(joint_memory, n)
+    device_values, device_commanded = device_command(device_memory, d)
     k, both = 0, (roles >> _R_CONTROL) & 1 and (roles >> _R_COMMAND) & 1
     for role in _WRITTEN:
         if not (roles >> role) & 1:
@@ -90,13 +103,13 @@ def encode_host(
                 words[first] = payloads[frames[f, PAYLOAD] + COMMAND_OF_CONTROLWORD[0, controlwords[entity]]]
                 k += 1
                 continue
-            for o in range(frames[f, FIRST], frames[f, END]):
-                field, row = ops[o, FIELD], ops[o, ROW]
+            for o in range(np.uint64(frames[f, FIRST]), np.uint64(frames[f, END])):
+                field, row = np.uint64(ops[o, FIELD]), np.uint64(ops[o, ROW])
                 value = 0.0
                 if field <= _DAMPING:
                     value = table[field, row]
                     if not math.isfinite(value):
-                        return -1 - (8 * row + field)
+                        return -1 - np.int64(8 * row + field)
                     if frames[f, LAW] and (
                         (mode[row] == _M_TORQUE and field >= _STIFFNESS)
                         or (mode[row] == _M_DAMPING and field not in (_POSITION, _DAMPING))
@@ -109,7 +122,7 @@ def encode_host(
                 elif field == _COLUMN:
                     value = device_values[row, ops[o, COLUMN]]
                     if not math.isfinite(value):
-                        return -1 - 8 * n - (COMMANDED * row + ops[o, COLUMN])
+                        return -1 - 8 * n - (COMMANDED * np.int64(row) + ops[o, COLUMN])
                 elif field == _SEQUENCE:
                     value = np.float64(sequence & 0xFF)
                 elif field == _WATCHDOG:
@@ -157,17 +170,18 @@ def _measured(words, k, time_op, ops, clocks, row):
 
 
 @compiled
-def decode_status(records, count, code, n, joint_memory, d, device_memory, notes, sent):
+def decode_status(records, count, code, joint_memory, device_memory, notes, sent):
     """Take the nodes' frames among the first `count` records in; (good, refused, repeated), and the notes' replies.
 
     sent: sequence number of what was last sent, −1: unknown.
     """
-    words, notes = borrowed(records.view(np.uint64)), borrowed(notes)
-    frames, ops, scales, lookups, ids, long_ids, _, _ = borrowed(tables(code))
-    table, times, status, octets = borrowed(joint_state(joint_memory, n))
-    values, device_times = borrowed(device_state(device_memory, d))
-    rows = notes[:REPLIES].reshape(MOST_PARAMETERS, PARAMETER_COLUMNS)
-    clocks, last = notes[NOTES : NOTES + n + d].view(np.float64), notes[NOTES + n + d :]
+    words, notes = words_of(records), borrowed(notes)
+    frames, ops, scales, lookups, ids, long_ids, _, _ = tables(code)
+    n, d = joints_and_devices(code)
+    table, times, status, octets = joint_state(joint_memory, n)
+    values, device_times = device_state(device_memory, d)
+    rows = piece(notes, 0, (MOST_PARAMETERS, PARAMETER_COLUMNS), np.int64)
+    clocks, last = piece(notes, NOTES, (n + d,), np.float64), piece(notes, NOTES + n + d, (d,), np.int64)
     good, refused, repeated, replies = 0, 0, 0, 0
     for k in range(count):
         f = frame_of(words, k, ids, long_ids)

@@ -11,7 +11,7 @@ import numpy as np
 from hal.can.frames import DATA
 from hal.drives.borrowing import borrowed
 from hal.drives.fields import END, ENTITY, FIELD, FIRST, HEAD, Field
-from hal.drives.signals import begin, get_raw, put_raw, sign, tables
+from hal.drives.signals import begin, get_raw, put_raw, sign, tables, words_of
 from handrail.compiled import compiled
 
 PARAMETER_COLUMNS = 8
@@ -38,8 +38,8 @@ def take_parameter(words, first, frames, f, ops, rows, count):
 @compiled
 def encode_parameter(records, f, code, row):
     """Write frame f from a row; 1."""
-    words, row = borrowed(records.view(np.uint64)), borrowed(row)
-    frames, ops, _, _, _, _, _, _ = borrowed(tables(code))
+    words, row = words_of(records), borrowed(row)
+    frames, ops, _, _, _, _, _, _ = tables(code)
     begin(words, 0, np.uint64(frames[f, HEAD]))
     for o in range(frames[f, FIRST], frames[f, END]):
         field = ops[o, FIELD]

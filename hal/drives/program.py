@@ -191,8 +191,9 @@ class Program:
         )
         spans = np.array([self._spans[role] for role in Role], np.int64)
         self.code = packed(
-            self.frames, self.ops, self.scales, self.lookups, self.ids, self.long_ids, self.payloads, spans
-        )
+            self.frames, self.ops, self.scales, self.lookups, self.ids, self.long_ids, self.payloads, spans,
+            len(description.joints), len(description.devices),
+        )  # fmt: skip
         """all tables as the kernels take them"""
 
 

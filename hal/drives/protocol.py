@@ -7,7 +7,7 @@ families from limb to limb.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,9 @@ import numpy.typing as npt
 from hal.can import frames
 from hal.device import COMMANDED, DeviceCommand, DeviceState
 from hal.drives import drive_side, host_side
+from hal.drives.drive_side import decode_host
 from hal.drives.fields import ENTITY, Field, Role
+from hal.drives.host_side import decode_status, encode_host
 from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, encode_parameter
 from hal.drives.parameters import ParameterResult
 from hal.drives.program import Program
@@ -61,12 +63,13 @@ class DriveTargets:
         """watchdog_cycles: of drives and devices that the host tells none, 1..255."""
         self.nodes = n + devices
         """drives, then devices, as the rows of `flags` are"""
-        self.memory = np.zeros(drive_side.ROWS + self.nodes + (drive_side.FLAGS * self.nodes + 7) // 8, np.int64)
-        """everything below that the command and the devices' values are not, in one piece for kernels"""
+        flags_at, command_at, devices_at, end = drive_side.places(n, self.nodes)
+        self.memory = np.zeros(end, np.int64)
+        """everything below, in one piece for kernels"""
         self.memory[[drive_side.PATIENCE, drive_side.DRIVES, drive_side.NODES]] = watchdog_cycles, n, self.nodes
-        self.command = JointCommand(n)
+        self.command = JointCommand(n, self.memory[command_at:devices_at])
         """Last set-points received; stiffness N·m/rad, damping N·m·s/rad as quantised on the bus."""
-        flags = self.memory[drive_side.ROWS + self.nodes :].view(np.uint8)
+        flags = self.memory[flags_at:].view(np.uint8)
         self.flags = flags[: drive_side.FLAGS * self.nodes].reshape(drive_side.FLAGS, self.nodes)
         drives = self.flags[:, :n]
         self.commanded = drives[drive_side.COMMANDED].view(np.bool_)
@@ -83,7 +86,7 @@ class DriveTargets:
         """Sequence number of the last frame received, to be echoed."""
         self.watchdog = drives[drive_side.WATCHDOG]
         """Host cycles without a command until quick stop, as last commanded; 0: the drive's own."""
-        self.devices = DeviceCommand(devices)
+        self.devices = DeviceCommand(devices, self.memory[devices_at:])
         """Last commands received; `commanded`: one came in this batch"""
         self.devices.commanded = self.flags[drive_side.COMMANDED, n:].view(np.bool_)
         self.device_watchdog = self.flags[drive_side.WATCHDOG, n:]
@@ -171,52 +174,54 @@ class LimbProtocol:
         naming joint and field, or device and column, for a value that is not finite; nothing of `out` may be sent then.
         """
         self._sent = sequence & 0xFF
-        if command is None:
-            return self._encode(_POLL, out, self._no_command, controlwords, devices, cycle, sequence, watchdog)
-        roles = _SOME_MOVE if some_follow else _MOVE
-        return self._encode(roles, out, command, controlwords, devices, cycle, sequence, watchdog)
+        roles, moved = _SOME_MOVE if some_follow else _MOVE, command
+        if moved is None:
+            roles, moved = _POLL, self._no_command
+        count: int = encode_host(
+            out, self._code, roles, moved.memory, controlwords, devices.memory, cycle, sequence, watchdog
+        )
+        return count if count >= 0 else self._refuse(count, moved, devices)
 
     def encode_commands(self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]) -> int:
         """Write the joints' commands only; as `encode_cycle`."""
         self._sent = sequence & 0xFF
-        return self._encode(_COMMANDS, out, command, self._no_words, self._no_commands, 0, sequence, watchdog)
+        count: int = encode_host(
+            out, self._code, _COMMANDS, command.memory, self._no_words, self._no_commands.memory, 0, sequence, watchdog
+        )
+        return count if count >= 0 else self._refuse(count, command, self._no_commands)
 
     def encode_control(self, controlwords: npt.NDArray[np.uint8], sequence: int, out: npt.NDArray[np.void]) -> int:
         """Write the joints' controlwords (n,) only; as `encode_cycle`."""
         self._sent = sequence & 0xFF
-        return self._encode(_CONTROLS, out, self._no_command, controlwords, self._no_commands, 0, sequence, 0)
+        count: int = encode_host(
+            out, self._code, _CONTROLS, self._no_command.memory, controlwords, self._no_commands.memory, 0, sequence, 0
+        )
+        return count
 
     def encode_devices(
         self, command: DeviceCommand, cycle: int, sequence: int, watchdog: int, out: npt.NDArray[np.void]
     ) -> int:
         """Write the devices' commands only; as `encode_cycle`."""
-        return self._encode(_DEVICES, out, self._no_command, self._no_words, command, cycle, sequence, watchdog)
+        moved, words = self._no_command.memory, self._no_words
+        count: int = encode_host(out, self._code, _DEVICES, moved, words, command.memory, cycle, sequence, watchdog)
+        return count if count >= 0 else self._refuse(count, self._no_command, command)
 
     def encode_sync(self, cycle: int, out: npt.NDArray[np.void]) -> int:
         """Write one Sync a channel; returns how many. They go last in a cycle."""
-        return self._encode(_SYNCS, out, self._no_command, self._no_words, self._no_commands, cycle, 0, 0)
+        return self._encode_time(_SYNCS, cycle, out)
 
     def encode_hold_time(self, cycle: int, out: npt.NDArray[np.void]) -> int:
         """Write one HoldTime a channel; returns how many."""
-        return self._encode(_HOLDS, out, self._no_command, self._no_words, self._no_commands, cycle, 0, 0)
+        return self._encode_time(_HOLDS, cycle, out)
 
-    def _encode(
-        self,
-        roles: int,
-        out: npt.NDArray[np.void],
-        command: JointCommand,
-        controlwords: npt.NDArray[np.uint8],
-        devices: DeviceCommand,
-        cycle: int,
-        sequence: int,
-        watchdog: int,
-    ) -> int:
-        count: int = host_side.encode_host(
-            out, self._code, roles, command.memory, controlwords, devices.values, devices.commanded, cycle, sequence,
-            watchdog,
-        )  # fmt: skip
-        if count >= 0:
-            return count
+    def _encode_time(self, roles: int, cycle: int, out: npt.NDArray[np.void]) -> int:
+        count: int = encode_host(
+            out, self._code, roles, self._no_command.memory, self._no_words, self._no_commands.memory, cycle, 0, 0
+        )
+        return count
+
+    def _refuse(self, count: int, command: JointCommand, devices: DeviceCommand) -> NoReturn:
+        """Raises ValueError for the value that is not finite of which `encode_host` tells by a negative count."""
         joint, field = divmod(-1 - count, 8)
         if joint < len(self.joints):
             name = Field(field).name.lower()
@@ -237,16 +242,8 @@ class LimbProtocol:
         count for nothing, but in `repeated`.
         """
         devices = self._no_states if devices is None else devices
-        good, refused, repeated = host_side.decode_status(
-            records,
-            n,
-            self._code,
-            len(self.joints),
-            state.memory,
-            len(self.devices),
-            devices.memory,
-            self._notes,
-            self._sent,
+        good, refused, repeated = decode_status(
+            records, n, self._code, state.memory, devices.memory, self._notes, self._sent
         )
         self.repeated += repeated
         return good, refused
@@ -288,17 +285,8 @@ class LimbProtocol:
         """
         if targets is not self._fitting:
             self._check_fit(targets)
-        good, refused = drive_side.decode_host(
-            records,
-            n,
-            self._code,
-            targets.command.memory,
-            targets.devices.values,
-            targets.memory,
-            cycle,
-            check_sequence,
-        )
-        return good, refused
+        told: tuple[int, int] = decode_host(records, n, self._code, targets.memory, cycle, check_sequence)
+        return told
 
     def _check_fit(self, targets: DriveTargets) -> None:
         """Kernels do not look how long an array is."""

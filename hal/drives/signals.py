@@ -28,7 +28,7 @@ from hal.can.codec import (
     put_bits,
 )
 from hal.can.frames import DATA, EXTENDED, FD, WORDS
-from hal.drives.borrowing import borrowed
+from hal.drives.borrowing import piece
 from hal.drives.crc import crc_of
 from hal.drives.fields import (
     ALGORITHM,
@@ -62,34 +62,46 @@ RAWS, LOGS, LOOKUP_COLUMNS = 256, 512, 516
 
 _CONSTANT = int(Field.CONSTANT)
 _LOW_BITS = np.uint64(0xFFFFFFFF)
-_HEADER = 9
-"""words before the tables: where each ends, how many channels there are"""
+_HEADER = 11
+"""words before the tables: where each ends, how many channels, joints and devices there are"""
 _ROLES = len(Role)
 
 
-def packed(frames, ops, scales, lookups, ids, long_ids, payloads, spans):
-    """A program's tables as one array (int64), for `tables`."""
+def packed(frames, ops, scales, lookups, ids, long_ids, payloads, spans, joints, devices):
+    """A program's tables as one array (int64), for `tables` and `joints_and_devices`."""
     parts = [frames, ops, scales.view(np.int64), lookups.view(np.int64), ids, long_ids, payloads.view(np.int64), spans]
     ends = np.cumsum([_HEADER] + [part.size for part in parts])
-    return np.concatenate([[*ends[1:], len(ids)], *(part.ravel() for part in parts)]).astype(np.int64)
+    return np.concatenate([[*ends[1:], len(ids), joints, devices], *(part.ravel() for part in parts)]).astype(np.int64)
 
 
 @compiled
 def tables(code):
     """frames, ops, scales, lookups, ids, long_ids, payloads, spans"""
-    code = borrowed(code)
     return (
-        code[_HEADER : code[0]].reshape(-1, FRAME_COLUMNS),
-        code[code[0] : code[1]].reshape(-1, OP_COLUMNS),
-        code[code[1] : code[2]].view(np.float64).reshape(-1, 4),
-        code[code[2] : code[3]].view(np.float64).reshape(-1, LOOKUP_COLUMNS),
-        code[code[3] : code[4]].reshape(code[8], 2048),
-        code[code[4] : code[5]].reshape(2, (code[5] - code[4]) // 2),
-        code[code[5] : code[6]].view(np.uint64),
-        code[code[6] : code[7]].reshape(_ROLES, 2),
+        piece(code, _HEADER, ((code[0] - _HEADER) // FRAME_COLUMNS, FRAME_COLUMNS), np.int64),
+        piece(code, code[0], ((code[1] - code[0]) // OP_COLUMNS, OP_COLUMNS), np.int64),
+        piece(code, code[1], ((code[2] - code[1]) // 4, 4), np.float64),
+        piece(code, code[2], ((code[3] - code[2]) // LOOKUP_COLUMNS, LOOKUP_COLUMNS), np.float64),
+        piece(code, code[3], (code[8], 2048), np.int64),
+        piece(code, code[4], (2, (code[5] - code[4]) // 2), np.int64),
+        piece(code, code[5], (code[6] - code[5],), np.uint64),
+        piece(code, code[6], (_ROLES, 2), np.int64),
     )
 
 
+@compiled
+def joints_and_devices(code):
+    """How many there are."""
+    return code[9], code[10]
+
+
+@compiled
+def words_of(records):
+    """Records as words (WORDS a frame, uint64)."""
+    return piece(records, 0, (WORDS * records.shape[0],), np.uint64)
+
+
+# Indices of signals and words are unsigned: numba asks each signed one whether it counts from the end, a tenth of the time.
 # What kernels work a frame through with is inlined: an array handed on to a function costs reference counting, as much as the
 # function's work.
 
@@ -98,7 +110,7 @@ def tables(code):
 def put_raw(words, first, ops, o, raw):
     bits, word = np.uint64(raw) & np.uint64(ops[o, MASK]), ops[o, PLAIN]
     if word >= 0:
-        words[first + word] |= bits << np.uint64(ops[o, SHIFT])
+        words[np.uint64(first + word)] |= bits << np.uint64(ops[o, SHIFT])
     else:
         _put_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND], bits)
 
@@ -107,7 +119,7 @@ def put_raw(words, first, ops, o, raw):
 def get_raw(words, first, ops, o):
     word = ops[o, PLAIN]
     if word >= 0:
-        bits = words[first + word] >> np.uint64(ops[o, SHIFT]) & np.uint64(ops[o, MASK])
+        bits = words[np.uint64(first + word)] >> np.uint64(ops[o, SHIFT]) & np.uint64(ops[o, MASK])
     else:
         bits = _bits_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND])
     return bits
@@ -141,16 +153,16 @@ def _looked_up(value, lookups, table):
     """The raw integer of a value by a look-up table."""
     low = lookups[table, LOGS]
     if low <= 0.0:
-        return np.int64(lookups[table, RAWS + np.int64(min(max(value, 0.0), 255.0))])
+        return np.int64(lookups[table, np.uint64(RAWS + np.int64(min(max(value, 0.0), 255.0)))])
     if value < 0.5 * low:
         return np.int64(0)
     # A guess that is seldom off by one, then the table.
     top = np.int64(lookups[table, LOGS + 1])
     guess = 1.5 + lookups[table, LOGS + 2] * (log2_nearly(value) - lookups[table, LOGS + 3])
     raw = np.int64(min(max(guess, 1.0), lookups[table, LOGS + 1]))
-    while raw < top and value >= lookups[table, RAWS + raw + 1]:
+    while raw < top and value >= lookups[table, np.uint64(RAWS + raw + 1)]:
         raw += 1
-    while value < lookups[table, RAWS + raw]:
+    while value < lookups[table, np.uint64(RAWS + raw)]:
         raw -= 1
     return raw
 
@@ -176,7 +188,7 @@ def get_value(words, first, ops, scales, lookups, o):
         if kind & FLOAT:
             value = _float_value(bits, ops[o, LENGTH]) * scales[o, SCALE] + scales[o, OFFSET]
         elif ops[o, TABLE] >= 0:
-            value = lookups[ops[o, TABLE], np.int64(bits)]
+            value = lookups[np.uint64(ops[o, TABLE]), bits]
         elif kind & SIGNED:
             shift = 64 - ops[o, LENGTH]
             value = (np.int64(bits << np.uint64(shift)) >> shift) * scales[o, SCALE] + scales[o, OFFSET]
@@ -196,7 +208,7 @@ def put_value(words, first, ops, scales, lookups, o, value):
             raw = np.rint((value - scales[o, OFFSET]) / scales[o, SCALE])
             put_raw(words, first, ops, o, np.int64(min(max(raw, scales[o, LOW]), scales[o, HIGH])))
         else:
-            code = _looked_up(value, lookups, table)
+            code = _looked_up(value, lookups, np.uint64(table))
             # Tables may share a signal: the first that has something to say does.
             if code > 0 and get_raw(words, first, ops, o) == 0:
                 put_raw(words, first, ops, o, code)

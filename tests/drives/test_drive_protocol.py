@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hal.can import frames
-from hal.device import DeviceCommand
+from hal.device import DeviceCommand, DeviceState
 from hal.drives import crc, family
 from hal.drives.lifecycle import DriveError, State, statusword
 from hal.drives.parameters import DICTIONARY, Parameter, ParameterResult, find
@@ -255,3 +255,19 @@ def test_targets_without_devices_hear_none_and_those_of_another_robot_are_refuse
     for other in (DriveTargets(5, 1), DriveTargets(6, 2)):
         with pytest.raises(ValueError, match="expected 6 and 1, as the protocol has"):
             protocol.decode(out, count, other)
+
+
+def test_what_has_fewer_joints_or_devices_than_the_robot_is_refused_not_read_beyond():
+    protocol, n = LimbProtocol(robots.load("z1")), 6
+    out, short, words = frames.empty(protocol.frames_a_cycle), np.zeros(n - 1, np.uint8), np.zeros(n, np.uint8)
+    for joints, controlwords, devices in ((5, words, 1), (6, short, 1), (6, words, 0)):
+        with pytest.raises(ValueError, match=r"fewer"):
+            protocol.encode_cycle(JointCommand(joints), controlwords, DeviceCommand(devices), 0, 1, 20, out)
+    with pytest.raises(ValueError, match="JointCommand: fewer joints than the robot has"):
+        protocol.encode_commands(JointCommand(n - 1), 1, 20, out)
+    assert protocol.encode_commands(JointCommand(n), 1, 20, out) == 1
+    for joints, devices in ((n - 1, 1), (n, 0)):
+        with pytest.raises(ValueError, match=r"State: fewer .* than the robot has"):
+            protocol.decode_status(out, 0, JointState(joints), DeviceState(devices))
+    with pytest.raises(ValueError, match="mode, owed: fewer than the robot has joints, and nodes"):
+        protocol.encode_status(JointState(n), short, np.ones(n, np.bool_), out)

@@ -210,7 +210,7 @@ class ControllerManager:
             except Exception as error:  # noqa: BLE001 - a user's code may raise anything, and the robot goes on
                 self._blame(controller, error)
                 if controller.onto is not None:
-                    controller.onto.recall()
+                    controller.onto.recall(controller.joints)  # it is updated after this one
 
     def _blame(self, controller: Controller, error: Exception) -> None:
         controller.error = error

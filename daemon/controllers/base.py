@@ -150,9 +150,10 @@ class ChainableController(Controller):
         self.reference.velocity[joints] = 0.0
         self._followed[...] = self.reference.memory
 
-    def recall(self) -> None:
-        """Who wrote the references failed on the way: what was followed last counts again."""
+    def recall(self, joints: NDArray[np.int64]) -> None:
+        """Who wrote the references of these rows failed on the way: they stand where they were followed last."""
         self.reference.memory[...] = self._followed
+        self.stand(joints)
 
 
 class MotionController(Controller):

@@ -13,8 +13,10 @@ import numpy as np
 import typer
 
 from handrail.messages import (
+    DaemonStatus,
     GetHardware,
     GetSafety,
+    GetStatus,
     GetTiming,
     HardwareComponent,
     HardwareStatus,
@@ -30,7 +32,7 @@ daemon = typer.Typer(help="The control daemon.", no_args_is_help=True, add_compl
 safety = typer.Typer(help="Safety rules.", no_args_is_help=True, add_completion=False)
 hardware = typer.Typer(help="Drives and devices.", no_args_is_help=True, add_completion=False)
 
-RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAILRUNTIME, else this user's")
+RUNTIME = typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's")
 _ROWS, _BAR = 16, 32
 """of a printed histogram: at most so many rows where that is finer than octaves; width of its longest bar"""
 
@@ -104,6 +106,14 @@ def explain(
         print(*_explained(told), sep="\n")
     if any(rule.holds for rule in told.rules):
         sys.exit(1)
+
+
+@safety.command()
+def leases(runtime: Annotated[Path | None, RUNTIME] = None) -> None:
+    """Who has taken which part of the body: nobody else may command it."""
+    told: DaemonStatus = ask("safety leases", GetStatus(), runtime)
+    rows = [(lease.part, lease.owner, str(lease.epoch)) for lease in told.leases]
+    print(*(aligned([("part", "owner", "epoch"), *rows]) if rows else ["every part is free"]), sep="\n")
 
 
 def _explained(told: SafetyReport) -> list[str]:

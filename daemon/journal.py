@@ -21,6 +21,8 @@ class Started(msgspec.Struct, frozen=True):
     id: str
     owner: str
     ends: list[EndCondition]
+    joints: list[str] = []
+    """that it moves"""
 
 
 class Journal:

@@ -27,6 +27,7 @@ from daemon.exchange import Kind
 from daemon.hardware_report import components
 from daemon.health import read_health
 from daemon.journal import Journal, Started
+from daemon.leases import Leases
 from daemon.mailbox import MailboxFull, MailboxWriter
 from daemon.owners import Owners
 from daemon.reporter import Reporter
@@ -79,6 +80,7 @@ class Server:
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
+        self._leases = Leases(description, runtime.folder / "leases.json")
         # Counts on across restarts of this server: the loop must never see a serial twice.
         self._serial = time.monotonic_ns()
         self._generation = 0
@@ -100,13 +102,15 @@ class Server:
             m.GetControllers: lambda _: self._desk.list(self._with_roster()),
             m.LoadController: lambda call: self._ask_about_controllers(self._desk.load, call),
             m.ConfigureController: lambda call: self._ask_about_controllers(self._desk.configure, call),
-            m.SwitchControllers: lambda call: self._ask_about_controllers(self._desk.switch, call),
+            m.SwitchControllers: self._switch_controllers,
             m.UnloadController: lambda call: self._ask_about_controllers(self._desk.unload, call),
             m.Enable: lambda _: self._ask(Kind.ENABLE),
             m.Disable: lambda _: self._ask(Kind.DISABLE),
             m.Stop: self._stop,
             m.ClearStop: lambda _: self._tell_stop_socket(lambda: clear_stop(runtime, _STOP_TIMEOUT_S)),
             m.CheckIn: lambda call: self._owners.check_in(call.owner, time.monotonic()),
+            m.TakeLease: self._take_lease,
+            m.ReturnLease: lambda call: self._leases.give_back(call.owner, call.part, call.epoch),
             m.HoldTime: self._hold_time,
             m.ReleaseTime: self._release_time,
             m.StartAction: self._start,
@@ -179,13 +183,19 @@ class Server:
     def _watch(self, now: float) -> None:
         if not self._loop_bell.ring() and self._reporter.alive:
             self._lose_loop("the daemon's loop died; its drives quick-stop by their own watchdog")
-        for owner in self._owners.lost(self._reporter.running_owners(), now):
-            print(f"{self._owners.name(owner)} did not check in: its action is ended", file=sys.stderr, flush=True)
+        holders = {self._owners.number(lease.owner) for lease in self._leases.held()}
+        for owner in self._owners.lost(self._reporter.running_owners() | holders, now):
+            name = self._owners.name(owner)
+            lost = self._leases.lose(name)
+            what = ", ".join(["its action is ended", *(f"its lease on {lease.part} is lost" for lease in lost)])
+            print(f"{name} did not check in: {what}", file=sys.stderr, flush=True)
             self._post_unasked(Kind.LOSE_OWNER, owner=owner)
 
     def _status(self) -> m.DaemonStatus:
         health, buses = read_health(self._runtime.folder), self._bus.states()
-        return self._reporter.status(self._owners.name, health, buses, self._desk.names())
+        status = self._reporter.status(self._owners.name, health, buses, self._desk.names())
+        status.leases = self._leases.held()
+        return status
 
     def _hardware(self) -> m.HardwareStatus:
         snapshot = self._reporter.snapshot if self._reporter.alive else None
@@ -276,11 +286,12 @@ class Server:
             raise refuse(_NO_LOOP)
         if self._journal.serial(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
+        self._leases.check(call.owner, call.motion.joints, call.lease, call.sequence)
         check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
         serial, owner = self._count(), self._owners.number(call.owner)
         self._owners.check_in(call.owner, time.monotonic())
         header, payload = exchange.encode_start(call, serial, owner, self._joints, self._frames)
-        self._journal.begin(Started(serial, call.id, call.owner, call.ends))
+        self._journal.begin(Started(serial, call.id, call.owner, call.ends, call.motion.joints))
         answer = None
         try:
             answer = self._post(header, payload)
@@ -293,7 +304,26 @@ class Server:
                 self._post_unasked(Kind.CANCEL, action=serial)
             raise
 
+    def _switch_controllers(self, call: m.SwitchControllers) -> None:
+        self._with_roster()
+        named = [entry for entry in self._desk.roster.loaded if entry.name in (*call.activate, *call.deactivate)]
+        moved = [joint for entry in named for joint in entry.joints]
+        self._leases.check(call.owner, moved, call.lease, call.sequence)
+        self._ask_about_controllers(self._desk.switch, call)
+
+    def _take_lease(self, call: m.TakeLease) -> m.Lease:
+        lease, ended = self._leases.take(call.owner, call.part, call.take_over)
+        self._owners.check_in(call.owner, time.monotonic())
+        theirs = {one.owner for one in ended}
+        for started in self._journal.running():
+            if started.owner in theirs and self._leases.parts[call.part] & set(started.joints):
+                self._post_unasked(Kind.CANCEL, action=started.serial)
+        return m.Lease(
+            part=lease.part, owner=lease.owner, epoch=lease.epoch, sequence=self._leases.sequence(call.owner)
+        )
+
     def _command_gripper(self, call: m.CommandGripper) -> None:
+        self._leases.check(call.owner, [call.gripper], call.lease, call.sequence)
         row, values = check_gripper(call, self._description)
         header = exchange.encode_device(self._count(), row, values)
         self._require_accepted(self._post(header))

@@ -143,6 +143,16 @@ class DeviceStatus(msgspec.Struct, kw_only=True):
     """what is wrong with it, in words; empty: nothing. It does not keep the robot from being enabled"""
 
 
+class LeaseState(msgspec.Struct, kw_only=True):
+    """Who may command a part of the body."""
+
+    part: str
+    """body, a group of the robot, or a gripper"""
+    owner: str
+    epoch: int
+    """goes up with every lease that is given"""
+
+
 @_travels(priority=3, reliable=False, superseded_by=("type",), remote=True)
 class DaemonStatus(Message):
     """What the daemon is doing; several times a second and at every change."""
@@ -163,6 +173,8 @@ class DaemonStatus(Message):
     """id of the running action"""
     holds: list[str] = []
     """who holds simulated time"""
+    leases: list[LeaseState] = []
+    """who has taken which part of the body; nobody: anybody may command it"""
     isolated: list[str] = []
     """limbs of an enabled robot that are out of it, since one of their drives failed: they are stopped, the rest is held and may be
     moved. Enable takes them back in"""
@@ -474,6 +486,12 @@ class SwitchControllers(Message):
 
     activate: list[Name] = []
     deactivate: list[Name] = []
+    owner: str = ""
+    """who asks; counts only where somebody has taken a part that one of these moves"""
+    lease: int = 0
+    """epoch of `owner`'s newest lease; counts only where somebody has taken a part that this moves (TakeLease)"""
+    sequence: int = 0
+    """likewise: number of the command, higher than of all before it under that lease"""
 
 
 @_travels(priority=1)
@@ -566,6 +584,12 @@ class CommandGripper(Message):
     """rad/s or m/s, at most; 0: its limit"""
     effort: NonNegative = 0.0
     """N·m or N, at most; 0: its limit"""
+    owner: str = ""
+    """who asks; counts only where somebody has taken the gripper's part"""
+    lease: int = 0
+    """epoch of `owner`'s newest lease; counts only where somebody has taken a part that this moves (TakeLease)"""
+    sequence: int = 0
+    """likewise: number of the command, higher than of all before it under that lease"""
 
 
 @_travels(priority=1, remote=True)
@@ -587,6 +611,38 @@ class CheckIn(Message):
     """I am alive. Actions whose owner does not check in for 1 s of wall time are ended safely."""
 
     owner: Name
+
+
+@_travels(priority=1)
+class TakeLease(Message):
+    """From now on, `owner` alone may command a part of the body (docs/safety.md, Leases). It must check in, as for an action.
+
+    Refused where a joint of it is another owner's, unless it is taken over: then his actions on it are ended.
+    """
+
+    owner: Name
+    part: Name
+    """body, a group of the robot, or a gripper"""
+    take_over: bool = False
+
+
+class Lease(Message):
+    """Answer to TakeLease: what the owner's commands must say from now on."""
+
+    part: str
+    owner: str
+    epoch: int
+    sequence: int
+    """of the owner's last command; the next one's is higher"""
+
+
+@_travels(priority=1)
+class ReturnLease(Message):
+    """The part is free again. What runs on it goes on."""
+
+    owner: Name
+    part: Name
+    epoch: int
 
 
 @_travels(priority=1)
@@ -793,6 +849,10 @@ class StartAction(Message):
     """robot clock; 0: never"""
     hold_after_s: NonNegative = 0.0
     """lock-step: in the cycle that ends the action, hold simulated time for `owner`, at most this long (wall time)"""
+    lease: int = 0
+    """epoch of `owner`'s newest lease; counts only where somebody has taken a part that this moves (TakeLease)"""
+    sequence: int = 0
+    """likewise: number of the command, higher than of all before it under that lease"""
 
 
 @_travels(priority=1)
@@ -821,6 +881,7 @@ GetStatus.Reply = DaemonStatus
 GetTiming.Reply = LoopTiming
 GetHardware.Reply = HardwareStatus
 GetSafety.Reply = SafetyReport
+TakeLease.Reply = Lease
 GetControllers.Reply = ControllerList
 
 DaemonCall = (
@@ -839,6 +900,8 @@ DaemonCall = (
     | Stop
     | ClearStop
     | CheckIn
+    | TakeLease
+    | ReturnLease
     | HoldTime
     | ReleaseTime
     | StartAction
@@ -1185,6 +1248,7 @@ Answer = (
     | LoopTiming
     | HardwareStatus
     | SafetyReport
+    | Lease
     | ControllerList
     | InstanceState
     | Instances

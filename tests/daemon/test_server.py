@@ -478,6 +478,33 @@ def test_an_owner_that_falls_silent_loses_its_action_and_one_that_checks_in_does
     assert loop.wait_for(Kind.LOSE_OWNER).owner == loop.wait_for(Kind.START).owner
 
 
+def test_a_part_that_somebody_has_taken_is_commanded_by_him_alone_until_another_takes_it_over(rig: Rig) -> None:
+    loop = rig.start_loop()
+    assert rig.call(m.GetStatus()).leases == []
+    lease = rig.call(m.TakeLease(owner="test", part="body"))
+    assert rig.call(m.GetStatus()).leases == [m.LeaseState(part="body", owner="test", epoch=lease.epoch)]
+    assert rig.refusal(m.TakeLease(owner="other", part="arm_right")).field == "part"
+    assert rig.refusal(rig.action(owner="other")).field == "owner"
+    assert rig.refusal(rig.action(lease=lease.epoch, sequence=lease.sequence)).field == "sequence"
+    rig.call(rig.action(lease=lease.epoch, sequence=lease.sequence + 1))
+    started = loop.wait_for(Kind.START)
+    arm = rig.call(m.TakeLease(owner="other", part="arm_right", take_over=True))
+    assert arm.epoch > lease.epoch
+    assert loop.wait_for(Kind.CANCEL).action == started.serial, "what moves the part is ended"
+    loop.end_action(Outcome.CANCELLED)
+    assert rig.refusal(rig.action("a2", lease=lease.epoch, sequence=9)).field == "owner"
+    rig.call(rig.action("a2", owner="other", lease=arm.epoch, sequence=1))
+    rig.call(m.ReturnLease(owner="other", part="arm_right", epoch=arm.epoch))
+    assert rig.call(m.GetStatus()).leases == []
+
+
+def test_whoever_holds_a_part_and_falls_silent_loses_it(rig: Rig) -> None:
+    loop = rig.start_loop()
+    rig.call(m.TakeLease(owner="test", part="head"))
+    assert loop.wait_for(Kind.LOSE_OWNER).owner != 0
+    rig.until(m.DaemonStatus, lambda status: not status.leases)
+
+
 def test_holds_reach_the_loop_in_lockstep(rig: Rig) -> None:
     loop = rig.start_loop()
     rig.call(m.HoldTime(owner="test", limit_s=2.5))

@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 
 from daemon import cli
 from hal.drives.lifecycle import DriveError
+from hal.hil.daemon import OWNER
 from handrail import messages as m
 
 pytestmark = [pytest.mark.handrail(robot="sea_bench"), pytest.mark.timeout(300)]
@@ -54,6 +55,9 @@ def test_the_commands_tell_of_the_running_robot_and_name_what_is_wrong(robot, ha
     free = run(cli.safety, "explain")
     assert free.exit_code == 0, free.output
     assert "no safety rule holds it" in free.stdout
+    assert "every part is free" in run(cli.safety, "leases").stdout
+    robot.daemon.call(m.TakeLease(owner=OWNER, part="body"))
+    assert run(cli.safety, "leases").stdout.splitlines()[1].split() == ["body", OWNER, "1"]
     robot.daemon.call(m.SwitchRelay(power="supply", closed=False, force=True))
     robot.plant.wait_state(JOINTS, "fault")
     robot.daemon.wait_status(lambda status: all(d.state == "fault" for d in status.drives), "the faults are told")

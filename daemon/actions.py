@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from daemon.behaviours import Chain, frame_of
 from daemon.controllers.base import Controller, MotionController
 from daemon.controllers.registry import for_motion
 from daemon.end_conditions import Place, first_met, force_frames
-from daemon.exchange import SLOTS, ActionState, Answer, Command, Outcome, Rule, TrajectoryMotion
+from daemon.exchange import SLOTS, ActionState, Answer, Command, MotionCommand, Outcome, Rule, TrajectoryMotion
 from daemon.manager import ActivationError, ClaimError, ControllerManager
 from daemon.robot_state import RobotState
 from daemon.safety.rules import followed, unsafe
@@ -46,6 +47,8 @@ class Action:
     """s that it has run, pauses not counted"""
     places: dict[int, Place] = field(default_factory=dict)
     """what its end conditions remember"""
+    chain: Chain | None = None
+    """of a behaviour, whose present step's are controller, ends, running and places"""
     condition: int = -1
     joint: int = -1
     value: float = 0.0
@@ -90,6 +93,8 @@ class ActionTable:
         motion = command.motion
         if motion is None or not np.isin(motion.joints, np.arange(len(self._robot.joints))).all():
             return Refusal(Answer.MALFORMED)
+        if any(set(step.motion.joints) != set(motion.joints) for step in command.steps):
+            return Refusal(Answer.MALFORMED)
         if command.expires_ns and time_ns > command.expires_ns:
             return Refusal(Answer.EXPIRED, value=(time_ns - command.expires_ns) * 1e-9)
         if (isolated := self._manager.isolated[motion.joints]).any():
@@ -98,11 +103,8 @@ class ActionTable:
             claimed = np.isin(motion.joints, other.controller.joints)
             if claimed.any():
                 return Refusal(Answer.CLAIMED, int(motion.joints[int(np.argmax(claimed))]))
-        if isinstance(motion, TrajectoryMotion):
-            off = np.abs(motion.positions[0] - last.position[motion.joints])
-            worst = int(np.argmax(off))
-            if not off[worst] <= START_TOLERANCE:
-                return Refusal(Answer.START_OFF, int(motion.joints[worst]), float(off[worst]))
+        if refusal := _starts_elsewhere(motion, last):
+            return refusal
         controller = for_motion(motion, self._manager.gains, self._robot.period)
         slot = self._free_slot()
         if slot is None:
@@ -113,7 +115,9 @@ class ActionTable:
             return Refusal(Answer.CLAIMED, error.joint)
         except ActivationError:
             return Refusal(Answer.NOT_ACTIVATED)
-        frames = (self._tool(controller), *force_frames(command.ends))
+        frames = [self._tool(controller), *force_frames(command.ends)]
+        for step in command.steps:
+            frames += [frame_of(step.motion), *force_frames(step.ends)]
         self.slots[slot] = Action(
             serial=command.serial,
             owner=command.owner,
@@ -121,7 +125,8 @@ class ActionTable:
             ends=command.ends,
             hold_after=command.value,
             cycle=self.cycle,
-            frames=tuple(frame for frame in frames if frame),
+            frames=tuple(dict.fromkeys(frame for frame in frames if frame)),
+            chain=Chain(command.steps, command.most_steps) if command.steps else None,
         )
         self._look_who_runs()
         return None
@@ -158,8 +163,9 @@ class ActionTable:
             if action.state is ActionState.RUNNING:
                 action.running += self._robot.period
             if self._has_to_end(action, last):
-                self._end(action, last)
-                ended.append(action)
+                if not self._goes_on(action, last):
+                    self._end(action, last)
+                    ended.append(action)
             elif action.controller.clock.standing != (action.state is ActionState.PAUSED):
                 action.state = ActionState.PAUSED if action.controller.clock.standing else ActionState.RUNNING
                 action.cycle = self.cycle
@@ -212,6 +218,34 @@ class ActionTable:
             return True
         return False
 
+    def _goes_on(self, action: Action, last: JointCommand) -> bool:
+        """Let a behaviour's next step take over from `last` in this very cycle. False: there is none, or it may not start."""
+        chain = action.chain
+        if chain is None or action.ending is not Outcome.NONE:
+            return False
+        if (number := chain.following(action.outcome, action.condition)) is None:
+            return False
+        if chain.taken >= chain.most:
+            action.outcome, action.joint, action.value = Outcome.TOO_MANY_STEPS, -1, float(chain.taken)
+            return False
+        step = chain.steps[number]
+        refusal = _starts_elsewhere(step.motion, last)
+        if refusal is None:
+            controller = for_motion(step.motion, self._manager.gains, self._robot.period)
+            if action.controller.clock.held:  # whoever paused it has paused what follows, too
+                controller.clock.stand()
+            try:
+                self._manager.switch([action.controller], [controller], last)
+            except (ClaimError, ActivationError) as error:
+                refusal = Refusal(Answer.CLAIMED, error.joint if isinstance(error, ClaimError) else -1)
+        if refusal is not None:
+            action.outcome, action.joint, action.value = Outcome.STEP_REFUSED, refusal.joint, refusal.value
+            return False
+        action.controller, action.ends, action.running, action.places = controller, step.ends, 0.0, {}
+        action.cycle = self.cycle
+        chain.go(number)
+        return True
+
     def _end(self, action: Action, last: JointCommand) -> None:
         self._note_end(action)
         self._manager.switch([action.controller], [], last)
@@ -247,3 +281,14 @@ class ActionTable:
         names = self._robot.kinematics.description.joints
         claimed = {names[joint] for joint in controller.joints}
         return next((tip for tip, joints in self._tips if claimed <= joints), "")
+
+
+def _starts_elsewhere(motion: MotionCommand, last: JointCommand) -> Refusal | None:
+    """Why a motion may not start from `last`: a trajectory's first knot is somewhere else."""
+    if not isinstance(motion, TrajectoryMotion):
+        return None
+    off = np.abs(motion.positions[0] - last.position[motion.joints])
+    worst = int(np.argmax(off))
+    if off[worst] <= START_TOLERANCE:
+        return None
+    return Refusal(Answer.START_OFF, int(motion.joints[worst]), float(off[worst]))

@@ -23,6 +23,8 @@ class Started(msgspec.Struct, frozen=True):
     ends: list[EndCondition]
     joints: list[str] = []
     """that it moves"""
+    steps: list[tuple[str, list[EndCondition]]] = []
+    """of a behaviour: name and end conditions of each"""
 
 
 class Journal:

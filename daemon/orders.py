@@ -58,7 +58,7 @@ class Orders:
                 return life.enable()
             case Kind.DISABLE:
                 life.disable()
-            case Kind.START:
+            case Kind.START | Kind.BEHAVIOUR:
                 # Whatever becomes of the start, its owner has done its thinking.
                 self._holds.release(command.owner)
                 if life.stopped:

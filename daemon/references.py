@@ -44,6 +44,16 @@ class PathClock:
             self._target, self._steady = rate, False
             self._input.target_velocity = [rate]
 
+    @property
+    def held(self) -> bool:
+        """It stands, or is on its way to."""
+        return self._target == 0.0
+
+    def stand(self) -> None:
+        """Stand from the start, until it is told to go on."""
+        self.rate = self._target = 0.0
+        self._steady = True
+
     def advance(self) -> None:
         """Move on by one cycle."""
         if self._steady:

@@ -34,6 +34,8 @@ STATE_PERIOD_NS = 10_000_000
 """of RobotState, in the robot's time"""
 DEVICE_PERIOD_NS = 40_000_000
 """of DeviceStates, likewise"""
+_MARK = ("serial", "state", "steps_taken")
+"""of an action's slot: there is news when one of these changes"""
 _LOAD_WINDOW_NS = 1_000_000_000
 _TICKS_A_DEVICE_STATE = DEVICE_PERIOD_NS // STATE_PERIOD_NS
 _TIMING_WINDOW = 2500
@@ -56,7 +58,7 @@ class Reporter:
         """the newest, shape (); None while no loop has published one"""
         self.alive = False
         """whether a loop is running"""
-        self._slot_states: dict[int, tuple[int, int]] = {}
+        self._slot_states: dict[int, tuple[int, ...]] = {}
         self._times = np.zeros((2, _TIMING_WINDOW))
         self._timed = 0
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
@@ -72,9 +74,11 @@ class Reporter:
         self._time(snapshots)
         tick = before // STATE_PERIOD_NS
         # Only snapshots in which some action changed are looked at one by one.
-        serials, states = snapshots["actions"]["serial"], snapshots["actions"]["state"]
-        told = np.ones(len(snapshots), bool)
-        told[1:] = ((serials[1:] != serials[:-1]) | (states[1:] != states[:-1])).any(axis=1)
+        slots = snapshots["actions"]
+        told = np.zeros(len(snapshots), bool)
+        told[0] = True
+        for field in _MARK:
+            told[1:] |= (slots[field][1:] != slots[field][:-1]).any(axis=1)
         for row, (time_ns, news) in enumerate(zip(snapshots["time_ns"].tolist(), told.tolist(), strict=True)):
             if news:
                 yield from self._action_events(snapshots[row])
@@ -89,11 +93,11 @@ class Reporter:
 
     def _action_events(self, snapshot: np.void) -> Iterator[ActionEvent]:
         slots = snapshot["actions"]
-        for number, mark in enumerate(zip(slots["serial"].tolist(), slots["state"].tolist(), strict=True)):
+        for number, mark in enumerate(zip(*(slots[field].tolist() for field in _MARK), strict=True)):
             if mark[0] == 0 or mark[1] == ActionState.EMPTY or self._slot_states.get(number) == mark:
                 continue
             slot = slots[number]
-            previous, _ = self._slot_states.get(number, (0, 0))
+            previous = self._slot_states.get(number, (0,))[0]
             self._slot_states[number] = mark
             if previous not in (0, mark[0]) and (unseen := self._journal.find(previous)) is not None:
                 self._journal.ended(previous)
@@ -102,7 +106,7 @@ class Reporter:
             if (started := self._journal.find(mark[0])) is None:
                 continue  # told already by the server that ran before this one
             problems = drive_problems(snapshot, self._description) if mark[1] == ActionState.ENDED else {}
-            yield action_event(slot, started.id, started.ends, self._description.joints, problems)
+            yield action_event(slot, started.id, started.ends, self._description.joints, problems, started.steps)
             if mark[1] == ActionState.ENDED:
                 self._journal.ended(mark[0])
 

@@ -35,7 +35,7 @@ from daemon.ring import StateRingReader
 from daemon.roster import roster_file
 from daemon.safety.report import safety_report
 from daemon.timing import TimingReader, loop_timing
-from daemon.validation import check_gripper, check_power, check_start
+from daemon.validation import check_behaviour, check_gripper, check_power, check_start
 from handrail import messages as m
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
@@ -114,6 +114,7 @@ class Server:
             m.HoldTime: self._hold_time,
             m.ReleaseTime: self._release_time,
             m.StartAction: self._start,
+            m.StartBehaviour: self._start,
             m.CancelAction: lambda call: self._steer(Kind.CANCEL, call.id),
             m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
             m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
@@ -279,19 +280,27 @@ class Server:
         self._with_roster()
         self._require_accepted(self._post(*encode(call, self._count())))
 
-    def _start(self, call: m.StartAction) -> None:
+    def _start(self, call: m.StartAction | m.StartBehaviour) -> None:
         self._publish_news()  # judge it by the newest snapshot
         snapshot = self._reporter.snapshot
         if snapshot is None or not self._reporter.alive:
             raise refuse(_NO_LOOP)
         if self._journal.serial(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
-        self._leases.check(call.owner, call.motion.joints, call.lease, call.sequence)
-        check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
-        serial, owner = self._count(), self._owners.number(call.owner)
+        moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
+        self._leases.check(call.owner, moving.joints, call.lease, call.sequence)
+        serial, owner = self._count(), self._owners.number
+        if isinstance(call, m.StartAction):
+            check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
+            started = Started(serial, call.id, call.owner, call.ends, moving.joints)
+            header, payload = exchange.encode_start(call, serial, owner(call.owner), self._joints, self._frames)
+        else:
+            check_behaviour(call, self._description, self._frames, snapshot, self._mailbox.floats)
+            steps = [(step.name, step.ends) for step in call.steps]
+            started = Started(serial, call.id, call.owner, [], moving.joints, steps)
+            header, payload = exchange.encode_behaviour(call, serial, owner(call.owner), self._joints, self._frames)
         self._owners.check_in(call.owner, time.monotonic())
-        header, payload = exchange.encode_start(call, serial, owner, self._joints, self._frames)
-        self._journal.begin(Started(serial, call.id, call.owner, call.ends, call.motion.joints))
+        self._journal.begin(started)
         answer = None
         try:
             answer = self._post(header, payload)

@@ -44,7 +44,7 @@ class SnapshotWriter:
         self._hardware, self._robot, self._manager = hardware, robot, manager
         self._life, self._actions, self._controllers, self._orders = life, actions, controllers, orders
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
-        self._written: list[tuple[int, ActionState] | None] = [None] * len(self._slots)
+        self._written: list[tuple[int, ActionState, int] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
         self._record["safety"] = life.ledger.rows
         self._identities = -1
@@ -138,7 +138,8 @@ class SnapshotWriter:
         for number, action in enumerate(self._actions.slots):
             if action is None:
                 continue
-            mark = (action.serial, action.state)
+            chain = action.chain
+            mark = (action.serial, action.state, chain.taken if chain else 0)
             news = mark != self._written[number]
             if news or action.alive:
                 self._path_force[number] = action.controller.path_force
@@ -184,6 +185,9 @@ def _fill(row: object, action: Action, time_ns: int) -> None:
         "value": action.value,
         "cycle": action.cycle,
         "time_ns": time_ns,
+        "step": action.chain.at if action.chain else 0,
+        "before": action.chain.before if action.chain else -1,
+        "steps_taken": action.chain.taken if action.chain else 0,
     }
     for name, value in values.items():
         row[name] = value  # type: ignore[index]

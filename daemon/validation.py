@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.exchange import CONTROLLERS, MAX_ENDS, Flag
+from daemon.exchange import COMMAND, CONTROLLERS, MAX_ENDS, Flag
 from daemon.roster import Loaded, Roster
 from handrail.messages import (
     CartesianImpedance,
@@ -25,14 +25,16 @@ from handrail.messages import (
     ForceEnd,
     JointTrajectory,
     LoadController,
+    Motion,
     PoseErrorEnd,
     StallEnd,
     StartAction,
+    StartBehaviour,
     SwitchRelay,
     TravelEnd,
 )
 from handrail.robot.description import RobotDescription
-from handrail.topics import refuse
+from handrail.topics import RefusedError, refuse
 
 START_TOLERANCE = 0.02
 """rad from what the robot is commanded to the first knot"""
@@ -56,6 +58,55 @@ def check_start(
     `frames`: names that may be commanded; `snapshot`: the newest (exchange.snapshot_dtype, shape ()); `largest_payload`: room in
     the mailbox, in numbers.
     """
+    _check_call(message, snapshot)
+    _check_action(message.motion, message.ends, description, frames, snapshot, largest_payload)
+    if isinstance(message.motion, JointTrajectory):
+        _check_first_knot(message.motion, snapshot["command"][0][_rows(message.motion.joints, description)])
+
+
+def check_behaviour(
+    message: StartBehaviour,
+    description: RobotDescription,
+    frames: Collection[str],
+    snapshot: np.ndarray,
+    largest_payload: int,
+) -> None:
+    """Raise RefusedError unless the behaviour may be given to the loop; as `check_start`, with the step before the field."""
+    _check_call(message, snapshot)
+    names = [step.name for step in message.steps]
+    numbers = 0
+    for number, step in enumerate(message.steps):
+        place = f"steps[{number}]"
+        try:
+            _check_action(step.motion, step.ends, description, frames, snapshot, largest_payload)
+            if number == 0 and isinstance(step.motion, JointTrajectory):
+                _check_first_knot(step.motion, snapshot["command"][0][_rows(step.motion.joints, description)])
+        except RefusedError as error:
+            found = error.refusal
+            raise refuse(found.message, f"{place}.{found.field}", found.value, found.expected) from error
+        if step.name in [*names[:number], "end"]:
+            raise refuse("a step is called like another", f"{place}.name", step.name, "a name of its own, not `end`")
+        if set(step.motion.joints) != set(message.steps[0].motion.joints):
+            field, expected = f"{place}.motion.joints", "those of steps[0]"
+            raise refuse("each step moves the same joints", field, ", ".join(step.motion.joints), expected)
+        kinds = {str(end.__struct_config__.tag) for end in step.ends}
+        ways = {"done", *kinds, *(f"ends[{row}]" for row in range(len(step.ends)))}
+        for how, to in step.then.items():
+            if how not in ways:
+                raise refuse("the step can't end so", f"{place}.then", how, f"one of {', '.join(sorted(ways))}")
+            if to not in names and to != "end":
+                raise refuse("no such step", f"{place}.then.{how}", to, f"end, {', '.join(names)}")
+        numbers += COMMAND.itemsize // 8 + _numbers(step.motion)
+    if numbers > largest_payload:
+        raise refuse("the behaviour is too long", "steps", f"{numbers} numbers", f"at most {largest_payload}")
+
+
+def _numbers(motion: Motion) -> int:
+    """At most so many of the payload."""
+    return len(motion.times) * (1 + 2 * len(motion.joints)) if isinstance(motion, JointTrajectory) else 64
+
+
+def _check_call(message: StartAction | StartBehaviour, snapshot: np.ndarray) -> None:
     _check_state(snapshot)
     if not 0 <= message.expires_ns < 1 << 63:
         raise refuse("no time of the robot's clock", "expires_ns", message.expires_ns, "0 to 2⁶³ − 1 ns")
@@ -63,18 +114,27 @@ def check_start(
         late = (int(snapshot["time_ns"]) - message.expires_ns) / 1e9
         raise refuse("the command has expired", "expires_ns", f"{late:.3f} s ago", "a time to come, or 0")
     _check_finite(message.hold_after_s, "hold_after_s")
-    rows = _rows(message.motion.joints, description)
-    if isinstance(message.motion, JointTrajectory):
+
+
+def _check_action(
+    motion: Motion,
+    ends: Sequence[EndCondition],
+    description: RobotDescription,
+    frames: Collection[str],
+    snapshot: np.ndarray,
+    largest_payload: int,
+) -> None:
+    rows = _rows(motion.joints, description)
+    if isinstance(motion, JointTrajectory):
         commanded = snapshot["command"][0][rows]
-        _check_trajectory(message.motion, rows, commanded, description, frames=frames, largest_payload=largest_payload)
-        _check_first_knot(message.motion, commanded)
-    elif isinstance(message.motion, CompliantMotion):
-        _check_compliant(message.motion, frames)
+        _check_trajectory(motion, rows, commanded, description, frames=frames, largest_payload=largest_payload)
+    elif isinstance(motion, CompliantMotion):
+        _check_compliant(motion, frames)
     else:
-        _check_cartesian(message.motion, frames)
-    if len(message.ends) > MAX_ENDS:
-        raise refuse("too many end conditions", "ends", len(message.ends), f"at most {MAX_ENDS}")
-    for number, end in enumerate(message.ends):
+        _check_cartesian(motion, frames)
+    if len(ends) > MAX_ENDS:
+        raise refuse("too many end conditions", "ends", len(ends), f"at most {MAX_ENDS}")
+    for number, end in enumerate(ends):
         _check_end(end, f"ends[{number}]", frames)
 
 

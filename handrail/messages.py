@@ -294,10 +294,14 @@ class ActionEvent(Message):
     state: Literal["running", "paused", "ended"]
     time_ns: int
     cycle: int
+    step: str = ""
+    """of a behaviour: the step that it is in, or was in when it ended"""
     outcome: str = ""
     """ended: `done` (trajectory finished), the name of the end condition that tripped, `cancelled`, `stopped`, `owner_lost`,
-    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`, `controller_error` (a ControllerEvent has the traceback)"""
+    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`, `controller_error` (a ControllerEvent has the traceback);
+    of a behaviour, of its last step, or `step_refused`, `too_many_steps`"""
     detail: str = ""
+    """what came about where; running, of a behaviour: how the step before ended"""
     position: list[float] = []
     """rad, measured in that cycle"""
     command: list[float] = []
@@ -855,6 +859,41 @@ class StartAction(Message):
     """likewise: number of the command, higher than of all before it under that lease"""
 
 
+class Step(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """One action of a behaviour."""
+
+    name: Name
+    motion: Motion
+    ends: list[EndCondition] = []
+    then: dict[str, Name] = {}
+    """how it ended → the step that follows, or `end`. How: `done`, an end condition's type (`contact`), or one by its number
+    (`ends[1]`). Left out: after `done` the next one follows, after anything else the behaviour ends"""
+
+
+@_travels(priority=1, remote=False)
+class StartBehaviour(Message):
+    """Run actions in a chain, the first step first; one follows another in the cycle that ends it, without a round trip.
+
+    To everybody it is one action: cancelled, paused and resumed by its `id`, with an ActionEvent at every step. Each step moves the
+    same joints. Refused as StartAction is, with `steps[i]` before the field; what a step's end is not told to lead to, an
+    operator's stop or cancellation say, ends the behaviour. A joint trajectory has to start within 0.02 rad of what the robot is
+    commanded when its turn comes: else the behaviour ends with `step_refused`.
+    """
+
+    id: Name
+    owner: Name
+    steps: Annotated[list[Step], Meta(min_length=1, max_length=16)]
+    most_steps: Annotated[int, Meta(ge=1, le=10_000)] = 100
+    """that it may take; then it ends with `too_many_steps`"""
+    expires_ns: int = 0
+    """robot clock; 0: never"""
+    hold_after_s: NonNegative = 0.0
+    """as of StartAction, when the behaviour ends"""
+    lease: int = 0
+    sequence: int = 0
+    """as of StartAction"""
+
+
 @_travels(priority=1)
 class CancelAction(Message):
     """End an action: slow down along its path, then hold."""
@@ -905,6 +944,7 @@ DaemonCall = (
     | HoldTime
     | ReleaseTime
     | StartAction
+    | StartBehaviour
     | CancelAction
     | PauseAction
     | ResumeAction

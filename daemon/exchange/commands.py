@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,8 @@ from handrail.messages import (
     PoseErrorEnd,
     StallEnd,
     StartAction,
+    StartBehaviour,
+    Step,
     TaskAxis,
     TimeEnd,
     TorqueLimitEnd,
@@ -123,6 +125,40 @@ def encode_start(
     return header, payload
 
 
+def encode_behaviour(
+    message: StartBehaviour,
+    serial: int,
+    owner: int,
+    joint_index: Mapping[str, int],
+    frame_index: Mapping[str, int],
+) -> tuple[np.ndarray, NDArray[np.float64]]:
+    """(header, payload) of a StartBehaviour that the server has checked already; see `encode_start`."""
+    header = encode_command(Kind.BEHAVIOUR, serial, owner=owner, value=message.hold_after_s)
+    header["expires_ns"], header["most_steps"] = message.expires_ns, message.most_steps
+    header["step_count"] = len(message.steps)
+    parts = []
+    for number, step in enumerate(message.steps):
+        action = StartAction(id=message.id, owner=message.owner, motion=step.motion, ends=step.ends)
+        own, payload = encode_start(action, serial, owner, joint_index, frame_index)
+        own["then"][: 1 + len(step.ends)] = followers(message.steps, number)
+        parts += [np.frombuffer(own.tobytes(), np.float64), payload]
+    payload = np.concatenate(parts)
+    header["payload_length"] = len(payload)
+    return header, payload
+
+
+def followers(steps: Sequence[Step], number: int) -> list[int]:
+    """Row of the step that follows one of `steps` after `done`, and after each of its `ends`; −1: none."""
+    rows = {step.name: row for row, step in enumerate(steps)} | {"end": -1}
+    step = steps[number]
+    after_done = rows[step.then["done"]] if "done" in step.then else (number + 1 if number + 1 < len(steps) else -1)
+    after_ends = [
+        rows[step.then.get(f"ends[{i}]", step.then.get(str(end.__struct_config__.tag), "end"))]
+        for i, end in enumerate(step.ends)
+    ]
+    return [after_done, *after_ends]
+
+
 def _encode_task(motion: CompliantMotion) -> NDArray[np.float64]:
     """What of a compliant motion is not in the header: has a goal, shift (3), axes (4), turn with the frame, compliance, dither."""
     compliance, dither = np.zeros((len(COMPLIANCE_ROWS), 6)), np.zeros((len(DITHER_ROWS), 6))
@@ -195,6 +231,16 @@ MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion
 
 
 @dataclass(frozen=True)
+class StepCommand:
+    """A step of a behaviour."""
+
+    motion: MotionCommand
+    ends: tuple[EndCondition, ...]
+    then: tuple[int, ...]
+    """row of the step that follows `done`, and each of `ends`; −1: none"""
+
+
+@dataclass(frozen=True)
 class Command:
     """A command as the loop handles it."""
 
@@ -206,6 +252,9 @@ class Command:
     expires_ns: int = 0
     motion: MotionCommand | None = None
     ends: tuple[EndCondition, ...] = ()
+    steps: tuple[StepCommand, ...] = ()
+    """BEHAVIOUR; `motion` and `ends` are then the first one's"""
+    most_steps: int = 0
     device: int = -1
     device_values: NDArray[np.float64] | None = None
     """hal.device's commanded columns, or what Kind.RELAY says"""
@@ -225,6 +274,10 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
     kind = Kind(int(header["kind"]))
     motion: MotionCommand | None = None
     ends: tuple[EndCondition, ...] = ()
+    steps: tuple[StepCommand, ...] = ()
+    if kind is Kind.BEHAVIOUR:
+        steps = tuple(_decode_steps(header, payload, frames))
+        motion, ends = steps[0].motion, steps[0].ends
     if kind is Kind.START:
         m, k = int(header["joint_count"]), int(header["knot_count"])
         if not 0 < m <= MAX_JOINTS or int(header["end_count"]) > MAX_ENDS:
@@ -258,12 +311,32 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
         expires_ns=int(header["expires_ns"]),
         motion=motion,
         ends=ends,
+        steps=steps,
+        most_steps=int(header["most_steps"]),
         device=int(header["device"]) if kind in _OF_DEVICES else -1,
         device_values=header["device_values"].copy() if kind in _OF_DEVICES else None,
         come=int(header["controllers"][0]),
         go=int(header["controllers"][1]),
         text=payload.tobytes() if kind in _OF_CONTROLLERS else b"",
     )
+
+
+def _decode_steps(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Iterator[StepCommand]:
+    size, at, count = COMMAND.itemsize // 8, 0, int(header["step_count"])
+    if count < 1:
+        raise ValueError("a behaviour without steps")
+    for _ in range(count):
+        if len(payload) < at + size:
+            raise ValueError(f"command {int(header['serial'])}: {len(payload)} numbers for {count} steps")
+        own = np.frombuffer(payload[at : at + size].tobytes(), COMMAND).reshape(())
+        at += size
+        length = int(own["payload_length"])
+        step = decode(own, payload[at : at + length], frames)
+        at += length
+        then = tuple(own["then"][: 1 + len(step.ends)].tolist())
+        if step.kind is not Kind.START or step.motion is None or not all(-1 <= row < count for row in then):
+            raise ValueError(f"command {int(header['serial'])}: a step that is none")
+        yield StepCommand(step.motion, step.ends, then)
 
 
 def _decode_task(

@@ -63,6 +63,10 @@ class Outcome(enum.IntEnum):
     """a joint that it moves has not been measured for `value` cycles"""
     CONTROLLER_ERROR = 10
     """its controller raised an exception, which a ControllerEvent tells"""
+    STEP_REFUSED = 11
+    """the behaviour's next step does not start where the robot is: `joint` is `value` rad off"""
+    TOO_MANY_STEPS = 12
+    """`value` steps of the behaviour have been taken"""
 
 
 class ControllerState(enum.IntEnum):
@@ -107,6 +111,8 @@ class Kind(enum.IntEnum):
     """the slots `controllers[0]` come and `controllers[1]` go (bit masks), in one cycle or not at all"""
     UNLOAD = 15
     """`controllers[1]` is forgotten"""
+    BEHAVIOUR = 20
+    """as START, with several steps in the payload"""
 
 
 class Answer(enum.IntEnum):
@@ -217,6 +223,13 @@ COMMAND = np.dtype(
         ("duration", "f8"),
         ("stiffness", "f8", 2),
         ("ends", _END, MAX_ENDS),
+        (
+            "then",
+            "i2",
+            MAX_ENDS + 1,
+        ),  # of a behaviour's step: row of the one that follows `done`, each of `ends`; -1: none
+        ("step_count", "u4"),  # BEHAVIOUR
+        ("most_steps", "u4"),
         ("device", "i4"),  # DEVICE, RELAY: row in RobotDescription.devices
         ("device_values", "f8", COMMANDED),
         ("controllers", "u4", 2),  # SWITCH, CONFIGURE, UNLOAD: bit masks of slots, those that come and those that go
@@ -225,7 +238,7 @@ COMMAND = np.dtype(
     align=True,
 )
 """A command's header. As float64 follow a trajectory's knots, times (k), positions (k·m), velocities (k·m); of a compliant motion
-what `daemon.exchange.commands` says; of text, its bytes."""
+what `daemon.exchange.commands` says; of text, its bytes; of a behaviour, each step's header and its payload."""
 
 
 def snapshot_dtype(description: RobotDescription) -> np.dtype:
@@ -242,6 +255,9 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("value", "f8"),  # the number that tripped: s, m, N, rad or a share
             ("cycle", "i8"),  # of the last change of state
             ("time_ns", "i8"),
+            ("step", "i2"),  # of a behaviour: the one that it is in
+            ("before", "i2"),  # the one before, which ended with `outcome`; -1: none
+            ("steps_taken", "u4"),  # 0: no behaviour
             ("path_force", "f8"),  # N
             ("progress", "f8"),  # s along the path
             ("position", "f8", n),  # rad, measured in the cycle of the last change of state

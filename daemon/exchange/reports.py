@@ -60,30 +60,29 @@ def action_event(
     ends: Sequence[EndCondition],
     joints: Sequence[str],
     problems: Mapping[str, str] = _NO_PROBLEMS,
+    steps: Sequence[tuple[str, Sequence[EndCondition]]] = (),
 ) -> ActionEvent:
     """A slot of a snapshot as an event; `action_id` and `ends` are those of the StartAction with the slot's serial.
 
-    `problems`: joint → what is wrong with its drive (daemon.drive_reports).
+    `problems`: joint → what is wrong with its drive (daemon.drive_reports); `steps`: of a behaviour, name and ends of each.
     """
     state = ActionState(int(slot["state"]))
+    step, before = int(slot["step"]), int(slot["before"])
+    name = steps[step][0] if steps else ""
     if state is not ActionState.ENDED:
-        name: Literal["running", "paused"] = "paused" if state is ActionState.PAUSED else "running"
-        return ActionEvent(id=action_id, state=name, time_ns=int(slot["time_ns"]), cycle=int(slot["cycle"]))
-    outcome = Outcome(int(slot["outcome"]))
-    text = outcome.name.lower()
-    detail = ""
-    if outcome is Outcome.CONDITION:
-        end = ends[int(slot["condition"])]
-        text = str(end.__struct_config__.tag)
-        detail = f"ends[{int(slot['condition'])}]: {text} reached {float(slot['value']):.4g}"
-    if slot["joint"] >= 0:
-        joint = joints[int(slot["joint"])]
-        detail = f"{detail} at {joint}".strip()
-        if outcome is Outcome.DRIVE_FAULT and joint in problems:
-            detail = f"{detail}: {problems[joint]}"
+        word: Literal["running", "paused"] = "paused" if state is ActionState.PAUSED else "running"
+        how = ""
+        if steps and before >= 0:
+            text, detail = _how_it_ended(slot, steps[before][1], joints, problems)
+            how = f"{steps[before][0]}: {detail or text}"
+        return ActionEvent(
+            id=action_id, state=word, time_ns=int(slot["time_ns"]), cycle=int(slot["cycle"]), step=name, detail=how
+        )
+    text, detail = _how_it_ended(slot, steps[step][1] if steps else ends, joints, problems)
     return ActionEvent(
         id=action_id,
         state="ended",
+        step=name,
         outcome=text,
         detail=detail,
         time_ns=int(slot["time_ns"]),
@@ -92,6 +91,29 @@ def action_event(
         command=slot["command"].tolist(),
         path_force=float(slot["path_force"]),
     )
+
+
+def _how_it_ended(
+    slot: np.ndarray | np.void, ends: Sequence[EndCondition], joints: Sequence[str], problems: Mapping[str, str]
+) -> tuple[str, str]:
+    """(outcome, detail) of an action, or of a behaviour's step, with these end conditions."""
+    outcome = Outcome(int(slot["outcome"]))
+    text = outcome.name.lower()
+    detail = ""
+    if outcome is Outcome.CONDITION:
+        end = ends[int(slot["condition"])]
+        text = str(end.__struct_config__.tag)
+        detail = f"ends[{int(slot['condition'])}]: {text} reached {float(slot['value']):.4g}"
+    elif outcome is Outcome.STEP_REFUSED:
+        detail = f"the next step starts {float(slot['value']):.4g} rad from what the robot is commanded"
+    elif outcome is Outcome.TOO_MANY_STEPS:
+        detail = f"{float(slot['value']):.0f} steps taken"
+    if slot["joint"] >= 0:
+        joint = joints[int(slot["joint"])]
+        detail = f"{detail} at {joint}".strip()
+        if outcome is Outcome.DRIVE_FAULT and joint in problems:
+            detail = f"{detail}: {problems[joint]}"
+    return text, detail
 
 
 def explain(

@@ -69,13 +69,14 @@ class FakeLoop:
                 with self._lock:
                     self.snapshot["answered"] = command.serial
                     self.snapshot["answer"], self.snapshot["answer_joint"], self.snapshot["answer_value"] = answer
-                    if command.kind is Kind.START and answer[0] is Answer.ACCEPTED:
+                    if command.kind in (Kind.START, Kind.BEHAVIOUR) and answer[0] is Answer.ACCEPTED:
                         slot = self.snapshot["actions"][0]
                         slot["serial"], slot["owner"], slot["state"] = (
                             command.serial,
                             command.owner,
                             ActionState.RUNNING,
                         )
+                        slot["before"], slot["steps_taken"] = -1, len(command.steps) > 0
                     self._cycle()
 
     def _cycle(self) -> None:
@@ -310,6 +311,54 @@ def test_an_action_reaches_the_loop_whole_and_its_life_is_told_by_its_id(rig: Ri
     ended = rig.until(m.ActionEvent, lambda event: event.state == "ended")
     assert (ended.id, ended.outcome, ended.path_force) == ("stroke 1", "contact", 12.0)
     assert ended.position == rig.description.home_position("ready").tolist()
+
+
+def behaviour(rig: Rig, *changed: dict[str, Any], **fields: Any) -> m.StartBehaviour:
+    """Two steps of the right arm, each with some fields changed."""
+    ends = [m.DivergenceEnd(error=0.3)]
+    given: list[dict[str, Any]] = [{"name": name, "motion": rig.trajectory(), "ends": ends} for name in ("go", "stay")]
+    steps = [m.Step(**{**step, **change}) for step, change in zip(given, [*changed, {}, {}], strict=False)]
+    return m.StartBehaviour(**{"id": "b1", "owner": "test", "steps": steps, **fields})
+
+
+def test_a_behaviour_reaches_the_loop_whole_and_its_steps_are_told_by_their_names(rig: Rig) -> None:
+    loop = rig.start_loop()
+    rig.call(behaviour(rig, {"then": {"divergence": "stay"}}))
+    command = loop.wait_for(Kind.BEHAVIOUR)
+    assert [step.then for step in command.steps] == [(1, 1), (-1, -1)]
+    assert [step.ends for step in command.steps] == [(m.DivergenceEnd(error=0.3),)] * 2
+    begun = rig.until(m.ActionEvent, lambda _: True)
+    assert (begun.id, begun.state, begun.step, begun.detail) == ("b1", "running", "go", "")
+    slot = loop.snapshot["actions"][0]
+    slot["step"], slot["before"], slot["steps_taken"] = 1, 0, 2
+    slot["outcome"], slot["condition"], slot["value"], slot["joint"] = Outcome.CONDITION, 0, 0.31, -1
+    loop.cycle()
+    told = rig.until(m.ActionEvent, lambda event: event.step == "stay")
+    assert (told.state, told.detail) == ("running", "go: ends[0]: divergence reached 0.31")
+    loop.end_action(Outcome.DONE, joint=-1)
+    ended = rig.until(m.ActionEvent, lambda event: event.state == "ended")
+    assert (ended.id, ended.step, ended.outcome) == ("b1", "stay", "done")
+
+
+def test_whatever_is_wrong_with_a_behaviour_is_refused_with_its_step(rig: Rig) -> None:
+    loop = rig.start_loop()
+    arms = rig.description.arms
+    others = m.CompliantMotion(frame=arms["left"].tip, joints=list(arms["left"].joints), duration=1.0)
+    for field, wrong in {
+        "steps[1].name": behaviour(rig, {}, {"name": "go"}),
+        "steps[0].name": behaviour(rig, {"name": "end"}),
+        "steps[0].then": behaviour(rig, {"then": {"contact": "stay"}}),
+        "steps[0].then.done": behaviour(rig, {"then": {"done": "fly"}}),
+        "steps[1].motion.joints": behaviour(rig, {}, {"motion": others}),
+        "steps[1].motion.times": behaviour(rig, {}, {"motion": rig.trajectory(times=[0.0])}),
+        "steps[1].ends[0].after": behaviour(rig, {}, {"ends": [m.TimeEnd(after=math.inf)]}),
+        "hold_after_s": behaviour(rig, hold_after_s=math.inf),
+    }.items():
+        refused = rig.refusal(wrong)
+        assert refused.field == field, refused
+        assert refused.value != ""
+        assert refused.expected != ""
+    assert loop.commands == []
 
 
 def test_cancel_pause_and_resume_name_the_action_by_its_id(rig: Rig) -> None:

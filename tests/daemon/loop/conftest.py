@@ -28,7 +28,7 @@ from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import JointCommand, JointState
-from handrail.messages import EndCondition, JointTrajectory, LoadController, Motion, StartAction
+from handrail.messages import EndCondition, JointTrajectory, LoadController, Motion, StartAction, StartBehaviour, Step
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
@@ -199,6 +199,12 @@ class Bench:
         message = StartAction(id=f"a{self._serial}", owner=f"o{owner}", motion=motion, ends=list(ends), **fields)
         header, payload = exchange.encode_start(message, self._serial, owner, self._joints, self._frames)
         self._mailbox.post(header, payload)
+        return self._serial
+
+    def post_behaviour(self, *steps: Step, owner: int = 1, **fields: Any) -> int:
+        self._serial += 1
+        message = StartBehaviour(id=f"a{self._serial}", owner=f"o{owner}", steps=list(steps), **fields)
+        self._mailbox.post(*exchange.encode_behaviour(message, self._serial, owner, self._joints, self._frames))
         return self._serial
 
     def start(self, motion: Motion, ends: tuple[EndCondition, ...] = (), owner: int = 1, **fields: float) -> Answer:

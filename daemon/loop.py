@@ -54,6 +54,8 @@ from handrail.runtime import Runtime
 
 REPLY_TIMEOUT_S = 5.0
 """wall time after which a plant in lock-step that does not answer counts as gone: then every drive is lost"""
+MEETING_S = 3.0
+"""wall time that the loop waits for its drives' first answers before it says that it is ready; without them it refuses to enable"""
 BEAT_S = 0.1
 """wall time between two looks around while the loop waits, and between two HoldTime frames"""
 PRIORITY, CPUS = 80, (1,)
@@ -101,7 +103,8 @@ class Loop:
         self.timing = TimingWriter(runtime.timing)
         self.time_ns = -self.period_ns
         self.cycles = self.misses = self.work_ns = self.late_ns = self._rang_ns = 0
-        self.ending = False
+        self.ready = self.ending = False
+        self._meets_until = 0.0
 
     def cycle(self) -> None:
         """One period of the robot's time."""
@@ -222,16 +225,24 @@ class Loop:
             print(f"daemon loop: {warning}", file=sys.stderr, flush=True)
         if not self.lockstep:
             sys.setswitchinterval(SWITCH_INTERVAL_S)
-        print("loop ready", flush=True)
+        self._meets_until = time.monotonic() + MEETING_S
         if self.lockstep:
             self.run_lockstep()
         else:
             self.run_wall()
 
+    def tell_ready(self) -> None:
+        """Whoever hears it may enable the robot: every drive has answered, or has had long enough for it."""
+        if self.hardware.first_silent() < 0 or time.monotonic() > self._meets_until:
+            self.ready = True
+            print("loop ready", flush=True)
+
     def run_lockstep(self) -> None:
         """Cycles as fast as the plant answers, robot time counted in periods."""
         while not self.ending:
             self.cycle()
+            if not self.ready:
+                self.tell_ready()
             self.wait_while_held()
             if self.core is not None:
                 self.core.look()
@@ -259,6 +270,8 @@ class Loop:
             sleep_then_spin_until(deadline)
             self.time_ns, self.late_ns = deadline, time.monotonic_ns() - deadline
             self.cycle()
+            if not self.ready:
+                self.tell_ready()
             deadline += period
             if (over := time.monotonic_ns() - deadline) > 0:
                 skipped = over // period + 1

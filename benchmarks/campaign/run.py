@@ -28,7 +28,8 @@ SETTLE_S, REST_S = 0.6, 0.3
 """s of the plant's time: for a quick stop to end and the brakes to close; and in which nothing may move"""
 _END_S, _PATIENCE_S = 15.0, 300.0
 """the plant's time that a motion may take, and this machine's"""
-_LOOK_S = 0.002
+_LOOK_S, _GLANCE_S = 0.002, 0.05
+"""wall time between two looks at the plant, each of which holds it up: while a process waits to be struck, and otherwise"""
 
 
 class Row(msgspec.Struct, kw_only=True):
@@ -55,7 +56,7 @@ class Line(msgspec.Struct):
 def carry_out(case: Case, turn: Turn, nursery: Nursery) -> Row:
     """Run one case. Never raises for what the robot does: that is what the verdict is for."""
     began = time.monotonic()
-    rig = Rig(Options(robot=ROBOT, scene=SCENE), nursery)
+    rig = Rig(Options(robot=ROBOT, scene=SCENE), nursery, listens=False)
     try:
         row = _Run(case, turn, rig).row()
     except (AssertionError, DoorShut, ProcessDied, ConnectionError, RefusedError, ValueError) as problem:
@@ -145,7 +146,7 @@ class _Run:
         deadline = time.monotonic() + _PATIENCE_S
         while self.plant.time_ns < self.began_ns + _END_S * 1e9:
             assert time.monotonic() < deadline, f"this machine is too slow: {_PATIENCE_S:g} s"
-            if (event := self.daemon.ended(action, _LOOK_S)) is not None:
+            if (event := self.daemon.ended(action, _GLANCE_S if self.struck else _LOOK_S)) is not None:
                 return event.outcome
             if not self.struck and self.plant.time_ns >= self.began_ns + round(self.case.at * 1e9):
                 self._strike_now()

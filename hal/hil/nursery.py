@@ -159,6 +159,7 @@ class Nursery:
         os.set_inheritable(theirs.fileno(), True)
         self._socket = ours
         self._lock = threading.Lock()
+        self._warmed: set[tuple[str, ...]] = set()
         # A session of its own: Ctrl-C reaches who asks alone, and it ends everything in order.
         self._process = subprocess.Popen(
             [sys.executable, "-m", "hal.hil.nursery", str(theirs.fileno())],
@@ -185,8 +186,15 @@ class Nursery:
         return told.number
 
     def warm(self, modules: Sequence[str], calls: Sequence[tuple[str, Sequence[str]]] = ()) -> None:
-        """Import and compile ahead of the first child."""
-        self.ask(Warm(list(modules), [(function, list(arguments)) for function, arguments in calls]))
+        """Import and compile ahead of the first child: once, however often it is asked for."""
+        cold = [
+            (function, list(arguments)) for function, arguments in calls if (function, *arguments) not in self._warmed
+        ]
+        modules = [module for module in modules if (module,) not in self._warmed]
+        if cold or modules:
+            self.ask(Warm(modules, cold))
+            self._warmed.update((module,) for module in modules)
+            self._warmed.update((function, *arguments) for function, arguments in cold)
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> Process:
         """A new process that runs a module."""

@@ -193,9 +193,9 @@ def _prepare(plant: service.Service, runtime: Runtime) -> None:
 
 
 def warm_up(robot: str, scene_name: str) -> None:
-    """All that a plant of this robot compiles and loads, ahead of its start (hal.hil.nursery)."""
+    """All that a plant of this robot compiles and loads, ahead of its start (hal.hil.nursery); no scene: nothing around it."""
     description = robots.load(robot)
-    service.warm_up(description, scene.load(scene_name))
+    service.warm_up(description, scene.load(scene_name) if scene_name else scene.EMPTY)
     with tempfile.TemporaryDirectory(prefix="hil") as folder:
         bus = Path(folder) / "bus.sock"
         with contextlib.closing(Hub(bus, [channel.name for channel in description.channels])):

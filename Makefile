@@ -47,7 +47,6 @@ lint: $(STAMP)
 	$(BIN)/ruff format .
 
 lock: $(STAMP)   ## write requirements.lock anew from pyproject.toml
-	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip compile pyproject.toml --all-extras --python-version 3.11 --generate-hashes --no-header \
 	  --no-emit-index-url --annotation-style line --upgrade -q -o requirements.lock
 

@@ -35,6 +35,7 @@ class Life:
     ):
         self._hardware, self._manager, self._actions, self._devices = hardware, manager, actions, devices
         self._patience = round(ENABLING_TIME * 1e9 / description.period_ns)
+        self._most_misses = description.stop_after_misses
         self._limb = description.limb_of_joint
         self._enabling_for = -1
         self.stopped = False
@@ -101,6 +102,11 @@ class Life:
             self.stopped, self.stop_reason = True, reason
             self.ledger.trip(Rule.OPERATOR_STOP, holds=True)
         self._fall_to(Goal.QUICK_STOP, Outcome.STOPPED)
+
+    def missed(self, in_a_row: int) -> None:
+        """The loop has missed so many periods: the robot is stopped where its description does not allow that."""
+        if 0 < self._most_misses <= in_a_row and self.enabled:
+            self.stop(f"the loop missed {in_a_row} periods in a row; control.stop_after_misses is {self._most_misses}")
 
     def clear_stop(self) -> None:
         """Unlatch the operator stop. Nothing moves, drives stay as they are."""

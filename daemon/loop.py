@@ -276,7 +276,7 @@ class Loop:
             if (over := time.monotonic_ns() - deadline) > 0:
                 skipped = over // period + 1
                 self.misses += skipped
-                self.timing.missed(skipped)
+                self.life.missed(self.timing.missed(skipped))
                 deadline += skipped * period
 
     def end(self, *_: object) -> None:

@@ -216,7 +216,8 @@ class Server:
             raise refuse(_NO_LOOP)
         if call.reset:
             self._timing.begin_anew()
-        return loop_timing(record, self._clock, self._description.period_ns)
+        description = self._description
+        return loop_timing(record, self._clock, description.period_ns, description.stop_after_misses)
 
     # -------------------------------------------------------------------------------------------------------- calls
 

@@ -78,14 +78,15 @@ class TimingWriter:
             if late_ns > self._late_max:
                 self._late_max = words[_LATE_MAX] = late_ns
 
-    def missed(self, periods: int) -> None:
-        """The cycle counted last overran, and so many periods are skipped."""
+    def missed(self, periods: int) -> int:
+        """The cycle counted last overran, and so many periods are skipped; how many that are in a row."""
         words = self._words
         # A punctual cycle in between has ended the run.
         self._run = periods + (self._run if self._overran == self._cycles - 1 else 0)
         self._overran = self._cycles
         words[_MISSES] += periods
         words[_LONGEST_RUN] = max(words[_LONGEST_RUN], self._run)
+        return self._run
 
     def _begin_anew(self) -> None:
         words = self._words
@@ -117,15 +118,20 @@ class TimingReader:
             np.frombuffer(self._file.memory, np.int64, WORDS)[OTHER_COUNTER] += 1
 
 
-def loop_timing(record: np.ndarray, clock: Literal["wall", "lockstep"], period_ns: int) -> LoopTiming:
-    """A RECORD () as a message."""
+def loop_timing(
+    record: np.ndarray, clock: Literal["wall", "lockstep"], period_ns: int, stop_after_misses: int = 0
+) -> LoopTiming:
+    """A RECORD () as a message; `stop_after_misses`: as in the robot's description."""
+    policy = OVERRUN_POLICY[clock]
+    if clock == "wall" and stop_after_misses:
+        policy += f"; {stop_after_misses} periods in a row stop the robot, as handrail stop does"
     return LoopTiming(
         clock=clock,
         period_us=period_ns / 1e3,
         cycles=int(record["work"].sum()),
         misses=int(record["misses"]),
         longest_run=int(record["longest_run"]),
-        overrun_policy=OVERRUN_POLICY[clock],
+        overrun_policy=policy,
         edges_us=(EDGES_NS / 1e3).tolist(),
         work=distribution(record["work"], int(record["work_max_ns"])),
         late=distribution(record["late"], int(record["late_max_ns"])),

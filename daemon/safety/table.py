@@ -21,7 +21,8 @@ _ANEW = "nothing to do: the next command is judged anew"
 _CUTS = "cuts the set-point in that cycle; held back by more than 0.02 rad, the action ends (held_back)"
 TABLE: dict[Rule, Words] = {
     Rule.OPERATOR_STOP: Words(
-        "anybody stops: `handrail stop`, the tablet, any client, the local stop socket",
+        "anybody stops: `handrail stop`, the tablet, any client, the local stop socket; or the loop itself, where it missed as "
+        "many periods in a row as `control.stop_after_misses` says",
         "every drive quick-stops in the next cycle: damps about its load, then closes its brake; all actions end; it latches",
         "`handrail stop --clear`, then enable",
         "",

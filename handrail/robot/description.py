@@ -157,6 +157,7 @@ class _ArmFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     period: Positive
     watchdog_cycles: Annotated[int, msgspec.Meta(ge=1, le=255)]
+    stop_after_misses: Annotated[int, msgspec.Meta(ge=0)] = 0
     damping_ratio: Positive
     torque_rate: Positive
     stiffness: dict[str, Positive]
@@ -262,6 +263,8 @@ class RobotDescription:
     home: dict[str, dict[str, float]]
     period_ns: int
     watchdog_cycles: int
+    stop_after_misses: int
+    """periods that the loop may miss in a row, on the wall clock, before it stops the robot; 0: any number"""
     allowed_collision_pairs: tuple[tuple[str, str], ...]
     base: Literal["fixed", "free"]
     support: Literal["gantry", "none"]
@@ -407,6 +410,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         home=_home(document, file, joints, lower, upper),
         period_ns=round(file.control.period * 1e9),
         watchdog_cycles=file.control.watchdog_cycles,
+        stop_after_misses=file.control.stop_after_misses,
         allowed_collision_pairs=tuple(file.allowed_collision_pairs),
         base=file.base,
         support=file.support,

@@ -57,6 +57,7 @@ def test_the_reader_sees_what_was_counted_and_a_new_loop_begins_anew(tmp_path: P
     assert np.flatnonzero(record["work"]).tolist() == [bin_of(100_000), bin_of(3_000_000)]
     assert record["work"][bin_of(100_000)] == 2
     assert np.flatnonzero(record["late"]).tolist() == [0, bin_of(2_000), BINS - 1]
+    assert "7 periods in a row stop the robot" in loop_timing(record, "wall", 2_000_000, 7).overrun_policy
     told = loop_timing(record, "wall", 2_000_000)
     assert (told.cycles, told.work.max_us, told.late.max_us) == (3, 3000.0, 2e6)
     assert "skips whole periods" in told.overrun_policy

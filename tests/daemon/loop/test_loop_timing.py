@@ -1,8 +1,10 @@
 """What the loop counts of its own cycles."""
 
+import dataclasses
 import time
 
 import numpy as np
+import pytest
 
 from daemon.timing import EDGES_NS, TimingReader, bin_of
 
@@ -46,3 +48,29 @@ def test_on_the_wall_clock_a_cycle_that_overruns_counts_as_a_run_of_misses(bench
     assert record["misses"] == record["longest_run"] == loop.misses >= 6
     assert record["late"].sum() == 6
     assert record["late_max_ns"] == loop.late_ns
+
+
+@pytest.mark.parametrize(("allowed", "stops"), [(0, False), (5, True), (1_000_000, False)])
+def test_a_loop_that_misses_more_periods_in_a_row_than_its_robot_allows_stops_it(
+    talos, make_bench, monkeypatch, allowed: int, stops: bool
+) -> None:
+    bench = make_bench(dataclasses.replace(talos, stop_after_misses=allowed))
+    bench.enable()
+    loop, cycle, turns = bench.loop, bench.loop.cycle, iter(range(8))
+    loop.lockstep = False
+
+    def slow_then_end() -> None:
+        turn = next(turns)
+        cycle()
+        if turn == 4:
+            time.sleep(6.5 * loop.period_ns * 1e-9)
+        if turn == 7:
+            loop.end()
+
+    monkeypatch.setattr(loop, "cycle", slow_then_end)
+    loop.run_wall()
+    assert loop.misses >= 6
+    assert loop.life.stopped is stops
+    assert loop.life.enabled is not stops
+    if stops:
+        assert "periods in a row; control.stop_after_misses is 5" in loop.life.stop_reason

@@ -33,6 +33,7 @@ _VERBS = {
     "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
     "program": "Check or run a program of the library.",
+    "behaviour": "Chains of actions: check a file, run it on the robot that is up.",
     "bench": "Run a benchmark against its peers.",
     "campaign": "Lay faults on a moving robot, hundreds of times, and judge what the plant did.",
 }

@@ -19,6 +19,7 @@ VERBS = [
     "drives",
     "program",
     "robot",
+    "behaviour",
     "bench",
     "campaign",
 ]

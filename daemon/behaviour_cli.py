@@ -1,0 +1,109 @@
+"""`handrail behaviour ...`: run a file's behaviour on the robot that is up, and tell how each step ended."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daemon.behaviour_file import BehaviourFile
+from handrail.config import ConfigError
+from handrail.messages import ActionEvent, CancelAction, CheckIn, DaemonStatus, Enable, GetRobot
+from handrail.runtime import Runtime
+from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
+
+app = typer.Typer(help="Behaviours: chains of actions.", no_args_is_help=True, add_completion=False)
+_FILE = typer.Argument(help="YAML file (docs/compliant_motion.md).", metavar="FILE")
+_CHECK_IN_S, _SILENCE_S = 0.25, 5.0
+
+
+@app.callback()
+def _behaviour() -> None:
+    """Chains of actions that the control loop runs by itself."""
+
+
+@app.command()
+def check(file: Annotated[Path, _FILE]) -> None:
+    """Read a file, and say what is wrong with it."""
+    try:
+        behaviour = BehaviourFile(file)
+    except ConfigError as error:
+        sys.exit(f"handrail behaviour check: {error}")
+    print(", ".join(step.name for step in behaviour.steps))
+
+
+@app.command()
+def run(
+    file: Annotated[Path, _FILE],
+    enable: Annotated[bool, typer.Option("--enable", help="Enable the robot first: its brakes open.")] = False,
+    runtime: Annotated[
+        Path | None,
+        typer.Option(help="The robot's runtime folder.", show_default="$HANDRAIL_RUNTIME, else this user's"),
+    ] = None,
+) -> None:
+    """Run it on the robot that is up and enabled, with a line a step. Ctrl-C cancels it.
+
+    Exit status 0: it ended by `done`, or where a step leads to `end`.
+    """
+    try:
+        behaviour, place = BehaviourFile(file), Runtime.at(runtime, make=False)
+        if not (place.folder / "daemon.call").exists():
+            place.robot_up()
+        with closing(Caller(place.endpoint("daemon.call"), timeout_s=2.0)) as caller:
+            good = _run(behaviour, caller, place, enable)
+    except (OSError, ValueError, RefusedError) as error:
+        sys.exit(f"handrail behaviour run: {error}")
+    raise typer.Exit(0 if good else 1)
+
+
+def _run(behaviour: BehaviourFile, caller: Caller, place: Runtime, enable: bool) -> bool:
+    """Whether it ended as it may. Raises RefusedError, Unreachable, ConfigError."""
+    me = f"behaviour-{os.getpid()}"
+    call = behaviour.call(me, me, caller.call(GetRobot()))
+    with closing(Subscriber(place.endpoint("daemon.events"), ActionEvent | DaemonStatus)) as events:
+        _await_status(events, enabled=False)  # the first one says that the subscription stands
+        if enable:
+            caller.call(Enable())
+            _await_status(events, enabled=True)
+        caller.call(call)
+        began: int | None = None
+        next_check_in = 0.0
+        while True:
+            try:
+                if (now := time.monotonic()) >= next_check_in:
+                    next_check_in = now + _CHECK_IN_S
+                    caller.call(CheckIn(owner=me))
+                event = events.receive(_CHECK_IN_S)
+            except KeyboardInterrupt:
+                caller.call(CancelAction(id=me))
+                continue
+            if not isinstance(event, ActionEvent) or event.id != me:
+                continue
+            began = event.time_ns if began is None else began
+            print(_line(event, began), flush=True)
+            if event.state == "ended":
+                return behaviour.expected(event.step, event.outcome)
+
+
+def _await_status(events: Subscriber, *, enabled: bool) -> None:
+    """The next status, or with `enabled` the first of an enabled robot. Raises Unreachable."""
+    gives_up = time.monotonic() + _SILENCE_S
+    while (left := gives_up - time.monotonic()) > 0:
+        status = events.receive(left)
+        if isinstance(status, DaemonStatus) and (status.enabled or not enabled):
+            return
+    raise Unreachable(
+        f"the daemon has not said in {_SILENCE_S:g} s that {'the robot is enabled' if enabled else 'it is up'}"
+    )
+
+
+def _line(event: ActionEvent, began: int) -> str:
+    words = [f"{(event.time_ns - began) * 1e-9:8.3f} s", event.step]
+    if event.state != "running":
+        words.append(event.outcome or event.state)
+    return "  ".join([*words, *([f"({event.detail})"] if event.detail else [])])

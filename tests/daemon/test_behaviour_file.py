@@ -1,0 +1,88 @@
+"""Behaviours in files: what is filled in, what is wrong with them, and `handrail behaviour run`."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from daemon.behaviour_cli import app
+from daemon.behaviour_file import BehaviourFile
+from daemon.exchange import Kind, Outcome
+from daemon.server import robot_info
+from handrail.config import ConfigError
+from handrail.messages import CompliantMotion, ContactEnd
+from handrail.robot import description as robots
+from tests.daemon.test_server import Rig
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "press_wall.yaml"
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    made = Rig(robots.load("talos_upper"))
+    yield made
+    made.close()
+
+
+def test_frame_and_joints_are_said_once_and_groups_stand_for_their_joints() -> None:
+    robot = robot_info(robots.load("talos_upper"))
+    call = BehaviourFile(EXAMPLE).call("press", "me", robot)
+    assert [step.name for step in call.steps] == ["approach", "press", "retreat"]
+    for step in call.steps:
+        assert isinstance(step.motion, CompliantMotion)
+        assert step.motion.frame == "tool_right_tip"
+        assert step.motion.joints == [*robot.groups["torso"], *robot.groups["arm_right"]]
+    assert call.steps[0].ends == [ContactEnd(frame="tool_right_tip", threshold=5.0)]
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "told"),
+    [
+        ("threshold: 5", "treshold: 5", r":7: steps\[0\].ends\[0\].*treshold"),
+        ("force: 20", "force: much", r":13: steps\[1\].motion.compliance\[0\].force: .*got 'much'"),
+        ("axis: x", "axis: q", r":13: steps\[1\].motion.compliance\[0\].axis"),
+        ("duration: 1.0", "duration: -1", r":17: steps\[2\].motion.duration: .*got -1"),
+        ("torso, arm_right", "torso, arm_rigth", r"steps\[0\].motion.joints: arm_rigth is none of talos_upper's"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_told_by_line_field_and_value(tmp_path, was: str, becomes: str, told: str) -> None:
+    text = EXAMPLE.read_text()
+    assert was in text
+    file = tmp_path / "press.yaml"
+    file.write_text(text.replace(was, becomes))
+    with pytest.raises(ConfigError, match=told):
+        BehaviourFile(file).call("press", "me", robot_info(robots.load("talos_upper")))
+
+
+@pytest.mark.parametrize(("outcome", "status"), [(Outcome.DONE, 0), (Outcome.DIVERGED, 1)])
+def test_run_tells_every_step_and_exits_by_how_it_ended(rig: Rig, outcome: Outcome, status: int) -> None:
+    loop = rig.start_loop()
+
+    def play() -> None:
+        loop.wait_for(Kind.BEHAVIOUR)
+        slot = loop.snapshot["actions"][0]
+        slot["step"], slot["before"], slot["steps_taken"] = 1, 0, 2
+        slot["outcome"], slot["condition"], slot["value"], slot["joint"] = Outcome.CONDITION, 0, 6.5, -1
+        loop.cycle()
+        loop.end_action(outcome, joint=-1)
+
+    player = threading.Thread(target=play)
+    player.start()
+    ran = CliRunner().invoke(app, ["run", str(EXAMPLE), "--runtime", str(rig.runtime.folder)])
+    player.join()
+    assert ran.exit_code == status, ran.output
+    first, second, last = ran.output.splitlines()
+    assert first.split()[2] == "approach"
+    assert second.endswith("press  (approach: ends[0]: contact reached 6.5)")
+    assert last.split()[2:] == ["press", outcome.name.lower()]
+
+
+def test_run_says_why_the_daemon_refuses(rig: Rig) -> None:
+    rig.start_loop().cycle(flags=0)
+    ran = CliRunner().invoke(app, ["run", str(EXAMPLE), "--runtime", str(rig.runtime.folder)])
+    assert ran.exit_code == 1
+    assert "the robot is not enabled" in str(ran.exception) + ran.output

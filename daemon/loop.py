@@ -30,6 +30,7 @@ from daemon.life import Life
 from daemon.mailbox import MailboxReader
 from daemon.manager import ControllerManager
 from daemon.orders import Orders
+from daemon.outer_integral import OuterIntegral
 from daemon.ring import StateRingWriter
 from daemon.robot_state import RobotState
 from daemon.roster import roster_file
@@ -79,7 +80,8 @@ class Loop:
         description = kinematics.description
         n, period = len(description.joints), description.period_ns * 1e-9
         damping = joint_damping(kinematics, description.home_position())
-        gains = Gains(*hardware.representable_gains(description.stiffness, damping))
+        integral = OuterIntegral(description.integral, period) if description.integral else None
+        gains = Gains(*hardware.representable_gains(description.stiffness, damping), integral)
         self.hardware, self.lockstep, self.period_ns, self.core = hardware, lockstep, description.period_ns, core
         self.robot = RobotState(kinematics, hardware.state, period, hardware.devices)
         self.manager = ControllerManager(self.robot, gains)

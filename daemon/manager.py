@@ -104,6 +104,8 @@ class ControllerManager:
         self._since_switch[:] = np.inf
         self._switched[:] = False
         self._settled = True
+        if self.gains.integral is not None:
+            self.gains.integral.forget(self.fresh)
         self._set([hold], np.full_like(self.claims, _HOLD))
 
     def release_all(self) -> None:
@@ -123,6 +125,8 @@ class ControllerManager:
         self._isolate(np.zeros_like(back))
         self._since_switch[back], self._switched[back] = np.inf, False
         self.fresh, claims[:, back] = back, _HOLD
+        if self.gains.integral is not None:
+            self.gains.integral.forget(back)
         hold = Hold(np.flatnonzero(back), self.gains, self.robot.joints.position)
         self._set([*self.active, hold], claims)
 

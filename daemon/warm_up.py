@@ -7,10 +7,12 @@ import numpy as np
 from daemon.controllers.base import Gains
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.exchange import TrajectoryMotion
+from daemon.outer_integral import OuterIntegral
 from daemon.robot_state import RobotState
 from daemon.safety.limits import Limits, enforce
 from daemon.safety.rules import followed
 from hal.joint import JointCommand, JointState
+from handrail.robot.description import IntegralGains
 from handrail.robot.kinematics import Kinematics
 
 
@@ -22,8 +24,9 @@ def warm_up(kinematics: Kinematics) -> None:
     robot.update(command)
     robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
-    motion = JointTrajectory(path, Gains(command.stiffness, command.damping), limits.period)
-    motion.activate(robot, command)
-    motion.update(robot, command)
+    for integral in (None, OuterIntegral(IntegralGains(*np.zeros((4, n))), limits.period)):
+        motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)
+        motion.activate(robot, command)
+        motion.update(robot, command)
     followed(path.joints, command.position, state)
     enforce(JointCommand(n), command, JointCommand(n), state, limits)

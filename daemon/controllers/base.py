@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.outer_integral import OuterIntegral
 from daemon.references import PathClock
 from daemon.robot_state import RobotState
 from hal.joint import COMMANDED, JointCommand, Mode
@@ -34,6 +35,8 @@ class Gains:
     """N·m/rad"""
     damping: Array
     """N·m·s/rad"""
+    integral: OuterIntegral | None = None
+    """on the joint encoders' error, where the robot has one: shared by all controllers"""
 
     @functools.cached_property
     def table(self) -> Array:
@@ -107,6 +110,19 @@ class Controller(ABC):
     def write_impedance(self, robot: RobotState, out: JointCommand, position: Array, velocity: Array) -> None:
         """Joint impedance about `position`, `velocity` (m,), with the model's gravity torque fed forward."""
         _impedance(self.joints, position, velocity, robot.gravity, self.gains.table, out.table, out.mode)
+
+    def write_tracking(self, robot: RobotState, out: JointCommand, position: Array, velocity: Array) -> None:
+        """The same, and the encoders shall read `position`: with the robot's outer integral, where it has one.
+
+        Not into another controller's references: those are no drives.
+        """
+        gains = self.gains
+        if gains.integral is None or self.onto is not None:
+            _impedance(self.joints, position, velocity, robot.gravity, gains.table, out.table, out.mode)
+        else:
+            gains.integral.write(
+                self.joints, position, velocity, robot.gravity, gains.table, robot.joints.table, out.table, out.mode
+            )
 
 
 @compiled

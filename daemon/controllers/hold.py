@@ -36,7 +36,7 @@ class Hold(Controller):
     def update(self, robot: RobotState, out: JointCommand) -> None:
         whole = self._whole
         if whole is None:
-            self.write_impedance(robot, out, self._position, self._still)
+            self.write_tracking(robot, out, self._position, self._still)
             return
         self.write_impedance(robot, whole, self._position, self._still)
         np.copyto(out.table, whole.table, where=self._free)

@@ -67,7 +67,7 @@ class JointTrajectory(MotionController):
         if self._running < _LEAD_IN:
             self._running += robot.period
             self._position += self._lead * fade(self._running, _LEAD_IN)
-        self.write_impedance(robot, out, self._position, self._velocity * self.clock.rate)
+        self.write_tracking(robot, out, self._position, self._velocity * self.clock.rate)
         if self._force is not None:
             out.torque[self.joints] += self._force.torque(robot)[self.joints]
 

@@ -200,6 +200,7 @@ def _describe(table: np.ndarray, model: ActuatorModel, plant: ActuatorModel) -> 
     table[:, kernel.PER_QUANTUM] = 2.0**plant.encoder_bits / (2.0 * np.pi)
     table[:, kernel.QUANTUM] = 1.0 / table[:, kernel.PER_QUANTUM]
     table[:, kernel.NOISE], table[:, kernel.MOUNTED] = plant.encoder_noise, plant.encoder_offset
+    table[:, kernel.MOTOR_MOUNTED], table[:, kernel.ON_MOTOR] = plant.motor_offset, plant.servo_on_motor
     table[:, kernel.MODEL_K], table[:, kernel.MODEL_NKT] = model.stiffness, model.torque_per_current
     table[:, kernel.CURRENT_MAX] = model.current_limit
     table[:, kernel.FORCE_MAX] = table[:, kernel.EFFORT] = model.torque_limit

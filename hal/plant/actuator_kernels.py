@@ -32,18 +32,21 @@ POSITION, VELOCITY, TORQUE, STIFFNESS, DAMPING, DERATING, SPRING, READING, READI
     11
 )
 # Columns of the table, what does not change from cycle to cycle. First what the actuator is: spring, friction, inertia, torque
-# per current, Coulomb friction and half the backlash before the spring; encoder's resolution, noise and mounting error.
-K, B, PER_J, NKT, COULOMB, SLACK, QUANTUM, PER_QUANTUM, NOISE, MOUNTED = range(10)
+# per current, Coulomb friction and half the backlash before the spring; encoder's resolution, noise and mounting error, the error
+# of the angle measured at the motor.
+K, B, PER_J, NKT, COULOMB, SLACK, QUANTUM, PER_QUANTUM, NOISE, MOUNTED, MOTOR_MOUNTED = range(11)
 # Then what the firmware believes and wants: spring and torque per current, gains of the torque loop, current limit, torque
-# limits of actuator and joint, the observer's filters, current loop, slope filter, position loop, limits, calibration.
-MODEL_K, MODEL_NKT, KP, KD, CURRENT_MAX, FORCE_MAX, EFFORT, P0, P1, P2, A1, A2, Q0, Q1, Q2, AC, AF = range(10, 27)
-POSITION_K, POSITION_D, POSITION_I, SPEED_MAX, SPEED_GAIN, LOWER, UPPER, ENCODER_ADDS, TORQUE_ADDS = range(27, 36)
+# limits of actuator and joint, the observer's filters, current loop, slope filter, position loop, limits, calibration; and
+# whether the loops around the torque close on the angle at the motor.
+MODEL_K, MODEL_NKT, KP, KD, CURRENT_MAX, FORCE_MAX, EFFORT, P0, P1, P2, A1, A2, Q0, Q1, Q2, AC, AF = range(11, 28)
+POSITION_K, POSITION_D, POSITION_I, SPEED_MAX, SPEED_GAIN, LOWER, UPPER, ENCODER_ADDS, TORQUE_ADDS = range(28, 37)
+ON_MOTOR = 37
 # Columns of the state, what does.
 ROTOR, RATE, CURRENT, DISTURBANCE, LAST, SLOPE, X1, X2, Y1, Y2 = range(10)
 INTEGRAL, REST, HELD, MODE_BEFORE, TRACKED, TRACKED_RATE = range(10, 16)
 # Rows of the actuators' marks, one byte each: hal.joint.Mode, and four that are true or false.
 MODE, POWERED, SMOOTH, LIMITED, PAIRED = range(5)
-_SIGNALS, _TABLE, _STATE, _MARKS = 11, 36, 16, 5
+_SIGNALS, _TABLE, _STATE, _MARKS = 11, 38, 16, 5
 _HEAD = 2
 
 _DT = 1.0 / FIRMWARE_HZ
@@ -130,6 +133,18 @@ def _read_encoder(joint, t, s, seed):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
+def _servo(angle, joint, t, s):  # type: ignore[no-untyped-def]
+    """Angle and rate of a joint at `joint` that the firmware's loops close on; `angle`: the encoder's.
+
+    Measured at the motor: the rotor's, less what the spring's own sensor says that it is wound up by. Backlash stays in it.
+    """
+    if t[ON_MOTOR] == 0.0:
+        return angle, s[TRACKED_RATE]
+    rotor = s[ROTOR]
+    return rotor - _deflection(rotor - joint, t) + t[MOTOR_MOUNTED], s[RATE] - s[SLOPE] / t[MODEL_K]
+
+
+@compiled(error_model="numpy")
 def _asked(mode, q, v, w, t, s):  # type: ignore[no-untyped-def]
     """The torque that the set-point asks for at position q and velocity v, N·m."""
     if mode == _MODE_DAMPING:
@@ -185,9 +200,9 @@ def _within_limits(goal, effort, q, v, t, s):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _goal(mode, derating, q, w, t, s):  # type: ignore[no-untyped-def]
-    """The joint's torque goal for this cycle, N·m, and whether a limit acts on it."""
-    v, effort = s[TRACKED_RATE], t[EFFORT] * derating
+def _goal(mode, derating, q, v, w, t, s):  # type: ignore[no-untyped-def]
+    """The joint's torque goal for this cycle at position q and velocity v, N·m, and whether a limit acts on it."""
+    effort = t[EFFORT] * derating
     asked = _asked(mode, q, v, w, t, s)
     goal = min(max(asked, -effort), effort)
     rest = s[REST]
@@ -278,16 +293,16 @@ def run(cycles, q, v, memory):  # type: ignore[no-untyped-def]
             continue
         w, t, s, seed = _set_point(signals, j), table[j], state[j], seeds[j : j + 1]
         law, on, derated = marks[MODE, j], marks[POWERED, j] != 0, signals[DERATING, j]
-        _switch_mode(
-            law, marks[SMOOTH, j] != 0, signals[READING, j], signals[READING_RATE, j], signals[GOAL, j], w, t, s
-        )
         joint, rate = q[j], v[j]
+        servo, servo_rate = _servo(signals[READING, j], joint, t, s)
+        _switch_mode(law, marks[SMOOTH, j] != 0, servo, servo_rate, signals[GOAL, j], w, t, s)
         angle, mean, sensed, goal, any_limit = 0.0, 0.0, 0.0, 0.0, False
         for _ in range(cycles):
             angle = _read_encoder(joint, t, s, seed)
             over = False
             if on:
-                goal, over = _goal(law, derated, angle, w, t, s)
+                servo, servo_rate = _servo(angle, joint, t, s)
+                goal, over = _goal(law, derated, servo, servo_rate, w, t, s)
             measured, torque, current_over = _drive(goal, on, derated, joint, rate, t, s)
             sensed += measured
             mean += torque
@@ -343,8 +358,8 @@ def _run_pair(a, b, rods, cycles, q, v, signals, table, state, seeds, marks):  #
         force_a = force_b = 0.0
         over_a = over_b = False
         if on:
-            goal_a, over_a = _goal(law_a, derated, angle_a, wa, ta, sa)
-            goal_b, over_b = _goal(law_b, derated, angle_b, wb, tb, sb)
+            goal_a, over_a = _goal(law_a, derated, angle_a, sa[TRACKED_RATE], wa, ta, sa)
+            goal_b, over_b = _goal(law_b, derated, angle_b, sb[TRACKED_RATE], wb, tb, sb)
             # F = J⁻ᵀ τ; beyond what an actuator can do both give way alike, so that the torques keep their direction.
             force_a = (br * goal_a - bp * goal_b) / determinant
             force_b = (ap * goal_b - ar * goal_a) / determinant

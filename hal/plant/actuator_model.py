@@ -24,7 +24,7 @@ TORQUE_CONSTANT = 0.05
 CURRENT_RESERVE = 2.0
 """the current's limit over the current of the rated torque: 30 A for ever and 60 A in bursts (§2.3)"""
 _LIGHTEST, _HEAVIEST = 5.0, 200.0  # N·m: rated torques beyond these get these one's springs
-_OF_JOINTS = ("encoder_bits", "encoder_noise", "encoder_offset")
+_OF_JOINTS = ("encoder_bits", "encoder_noise", "encoder_offset", "motor_offset")
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,10 @@ class ActuatorModel:
     """rad, standard deviation"""
     encoder_offset: np.ndarray = field(default_factory=lambda: np.zeros(1))
     """rad by which the uncalibrated encoder reads too much"""
+    motor_offset: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """rad by which the angle measured at the motor is too much"""
+    servo_on_motor: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """1: the firmware's loops close on the angle measured at the motor, 0: on the encoder's"""
 
     def __post_init__(self) -> None:
         n = len(self.torque_limit)
@@ -93,8 +97,13 @@ def actuators_of(description: RobotDescription) -> tuple[ActuatorModel, tuple[Pa
     """A robot's actuators, and the transmissions of those that work in pairs.
 
     A given spring without a rotor gets one that keeps the open loop's natural frequency and damping ratio. Raises ValueError
-    for a parallel pair that cannot work.
+    for a parallel pair that cannot work, and for one whose loops shall close on its motors: those measure lengths, not joints.
     """
+    on_motor = np.array([actuator.servo == "motor" for actuator in description.actuators], float)
+    for pair in description.parallel_pairs:
+        for joint in (pair.pitch, pair.roll):
+            if on_motor[description.index(joint)]:
+                raise ValueError(f"actuators.{joint}.servo: got motor; expected joint in the parallel pair {pair.name}")
     transmissions = transmissions_of(description)
     rated = np.array(description.torque_limit, float)
     for transmission in transmissions:
@@ -120,6 +129,7 @@ def actuators_of(description: RobotDescription) -> tuple[ActuatorModel, tuple[Pa
         torque_per_current=per_current,
         current_limit=given("current_limit", CURRENT_RESERVE * rated / per_current),
         backlash=given("backlash", 0.0),
+        servo_on_motor=on_motor,
         **{name: given(name, 0.0) for name in _OF_JOINTS},
     )
     return model, transmissions

@@ -110,6 +110,11 @@ class Actuator(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=
     """rad, standard deviation"""
     encoder_offset: float = 0.0
     """rad by which the uncalibrated encoder reads too much"""
+    servo: Literal["joint", "motor"] = "joint"
+    """where the angle is measured that the drive's own loops close on: by the encoder at the joint, or at the motor, before gear
+    and backlash, less what the spring is wound up by. What the drive reports to the host is the encoder's either way."""
+    motor_offset: float = 0.0
+    """rad by which the angle measured at the motor, seen at the joint, is too much: its calibration's error"""
 
 
 class ParallelPair(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
@@ -154,6 +159,13 @@ class _ArmFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     tip: str = ""
 
 
+class _Integral(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    rate: dict[str, Positive]
+    limit: dict[str, Positive]
+    push: dict[str, Positive]
+    band: dict[str, Positive]
+
+
 class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     period: Positive
     watchdog_cycles: Annotated[int, msgspec.Meta(ge=1, le=255)]
@@ -162,6 +174,7 @@ class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     torque_rate: Positive
     stiffness: dict[str, Positive]
     quick_stop_damping: dict[str, Positive]
+    integral: _Integral | None = None
 
 
 class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -233,6 +246,20 @@ class Arm:
 
 
 @dataclass(frozen=True)
+class IntegralGains:
+    """The integral on the joint encoders' error around the drives' own loops (daemon.outer_integral), arrays (n,)."""
+
+    rate: np.ndarray
+    """1/s"""
+    limit: np.ndarray
+    """rad by which it may move a drive's set-point"""
+    push: np.ndarray
+    """N·m, spring torque beyond gravity above which it takes a joint to lean on something, and pushes no harder"""
+    band: np.ndarray
+    """rad, error that it leaves alone"""
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """All that the processes share about one robot."""
 
@@ -260,6 +287,8 @@ class RobotDescription:
     damping_ratio: float
     quick_stop_damping: np.ndarray
     """N·m·s/rad (n,)"""
+    integral: IntegralGains | None
+    """none: off"""
     home: dict[str, dict[str, float]]
     period_ns: int
     watchdog_cycles: int
@@ -407,6 +436,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         stiffness=_per_joint(document, "control.stiffness", file.control.stiffness, joints),
         damping_ratio=file.control.damping_ratio,
         quick_stop_damping=_per_joint(document, "control.quick_stop_damping", file.control.quick_stop_damping, joints),
+        integral=_integral(document, file.control.integral, joints),
         home=_home(document, file, joints, lower, upper),
         period_ns=round(file.control.period * 1e9),
         watchdog_cycles=file.control.watchdog_cycles,
@@ -528,6 +558,15 @@ def _per_joint(document: config.Document, field: str, given: dict[str, float], j
             raise document.error(field, f"{joint} is given {len(matches)} times; expected once")
         values.append(matches[0])
     return np.array(values)
+
+
+def _integral(document: config.Document, given: _Integral | None, joints: Sequence[str]) -> IntegralGains | None:
+    if given is None:
+        return None
+    fields = msgspec.structs.asdict(given)
+    return IntegralGains(
+        **{name: _per_joint(document, f"control.integral.{name}", values, joints) for name, values in fields.items()}
+    )
 
 
 def _arms(

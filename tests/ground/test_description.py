@@ -92,6 +92,12 @@ def test_the_mass_matrix_is_symmetric_positive_definite(talos):
             "twice",
         ),
         ("talos_full_v2.urdf", "talos_full_v9.urdf", "model", "talos_full_v9"),
+        (
+            "  stiffness:\n",
+            '  integral: {rate: {"arm_*": 8}, limit: {"*": 0.06}, push: {"*": 9}, band: {"*": 0.001}}\n  stiffness:\n',
+            "control.integral.rate",
+            "torso_1_joint is given 0 times",
+        ),
     ],
 )
 def test_a_wrong_robot_file_is_refused_with_line_and_field(tmp_path, old, new, field, says):

@@ -16,7 +16,7 @@ from hal.plant.actuator_model import actuators_of, sized_for
 from hal.plant.merge import rotation_from_rpy
 from hal.plant.transmission import ParallelTransmission, transmissions_of
 from hal.plant.world import World
-from handrail.robot.description import ParallelPair
+from handrail.robot.description import Actuator, ParallelPair
 
 ANKLE = ParallelPair(
     name="ankle",
@@ -162,3 +162,11 @@ def test_where_one_of_two_actuators_fails_the_other_brakes_too(wrist, broken):
     assert drives.error[rows[1 - broken]] == DriveError.INTERNAL
     others = np.delete(np.arange(len(drives)), rows)
     assert (drives.state[others] == State.OPERATION_ENABLED).all()
+
+
+def test_a_pairs_loops_cannot_close_on_the_motors(robot):
+    row = robot.index(ANKLE.roll)
+    actuators = tuple(Actuator(servo="motor" if j == row else "joint") for j in range(len(robot.joints)))
+    wrong = dataclasses.replace(robot, parallel_pairs=(ANKLE,), actuators=actuators)
+    with pytest.raises(ValueError, match=r"actuators\.arm_right_7_joint\.servo: got motor; expected joint"):
+        actuators_of(wrong)

@@ -296,6 +296,29 @@ def test_within_its_backlash_the_gear_carries_nothing():
     assert _settled(actuators, still)[0] == pytest.approx(20.0, rel=0.01)
 
 
+def test_loops_that_close_on_the_motor_hold_what_is_measured_there_and_the_encoder_tells_the_joint():
+    actuators = _one(Mode.IMPEDANCE, servo_on_motor=np.ones(1), motor_offset=np.array([0.05]))
+    actuators.stiffness[:] = 100.0
+    assert _settled(actuators, np.zeros(1))[0] == pytest.approx(-5.0, rel=0.01)
+    assert actuators.measured_position[0] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_before_the_gear_the_backlash_is_in_what_is_measured():
+    actuators = _one(Mode.IMPEDANCE, servo_on_motor=np.ones(1), backlash=np.array([0.04]))
+    actuators.stiffness[:] = 50.0
+    for set_point, torque in ((0.1, 4.0), (-0.1, -4.0)):
+        actuators.position[:] = set_point
+        assert _settled(actuators, np.zeros(1))[0] == pytest.approx(torque, rel=0.01)
+
+
+def test_damping_at_the_motor_is_of_the_joints_own_velocity():
+    actuators = _one(Mode.IMPEDANCE, servo_on_motor=np.ones(1))
+    actuators.damping[:] = 5.0
+    for step in range(200):
+        actuators.step(np.array([step * 0.0005]), np.array([0.5]), 5)
+    assert actuators.spring_torque[0] == pytest.approx(-2.5, rel=0.02)
+
+
 def test_a_robots_actuators_are_what_its_description_says(robot):
     special = Actuator(
         spring_stiffness=1000.0, gear_ratio=50.0, torque_constant=0.1, current_limit=12.0, encoder_bits=16

@@ -14,7 +14,17 @@ from daemon.behaviours import Chain, frame_of
 from daemon.controllers.base import Controller, MotionController
 from daemon.controllers.registry import for_motion
 from daemon.end_conditions import Place, first_met, force_frames
-from daemon.exchange import SLOTS, ActionState, Answer, Command, MotionCommand, Outcome, Rule, TrajectoryMotion
+from daemon.exchange import (
+    SLOTS,
+    ActionState,
+    Answer,
+    Command,
+    MotionCommand,
+    Outcome,
+    Rule,
+    StreamedReference,
+    TrajectoryMotion,
+)
 from daemon.manager import ActivationError, ClaimError, ControllerManager
 from daemon.robot_state import RobotState
 from daemon.safety.rules import followed, unsafe
@@ -52,6 +62,7 @@ class Action:
     condition: int = -1
     joint: int = -1
     value: float = 0.0
+    detail: str = ""
 
     @property
     def alive(self) -> bool:
@@ -148,6 +159,16 @@ class ActionTable:
                 return None
         return Refusal(Answer.NO_SUCH_ACTION)
 
+    def stream(self, serial: int, reference: StreamedReference) -> Refusal | None:
+        """A streamed reference for a running action."""
+        for action in self.running():
+            if action.serial == serial:
+                takes = action.controller.receive(
+                    reference.task, reference.position, reference.orientation, reference.velocity
+                )
+                return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
+        return Refusal(Answer.NO_SUCH_ACTION)
+
     def lose_owner(self, owner: int) -> None:
         """Cancel whatever `owner` has running."""
         for action in self.running():
@@ -202,7 +223,8 @@ class ActionTable:
     def _has_to_end(self, action: Action, last: JointCommand) -> bool:
         joints, clock = action.controller.joints, action.controller.clock
         seen = followed(joints, last.position, self._robot.joints)
-        if trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places):
+        lag = action.controller.lag
+        if trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places, lag):
             action.outcome = Outcome.CONDITION
             action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
             return True
@@ -212,6 +234,9 @@ class ActionTable:
             return True
         if action.ending is not Outcome.NONE and (clock.standing or clock.at_end):
             action.outcome = action.ending
+            return True
+        if why := action.controller.failure:
+            action.outcome, action.detail = Outcome.INFEASIBLE, why
             return True
         if action.controller.done:
             action.outcome = Outcome.DONE

@@ -6,6 +6,7 @@ Each is a pure function from measurements to the value that tripped it, or None;
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -56,11 +57,13 @@ def first_met(
     seen: Followed,
     robot: RobotState,
     places: dict[int, Place],
+    lag: Callable[[RobotState, str], Array] = RobotState.lag,
 ) -> Trip | None:
     """The first of `ends` that is met in this cycle, in their order.
 
     `running`: s that the action has run; `joints`: rows that it claims; `seen`: how they follow. Force conditions
-    read `robot.wrenches`, which the caller keeps estimated at `force_frames(ends)`. `places`: the action's memory, empty at first.
+    read `robot.wrenches`, which the caller keeps estimated at `force_frames(ends)`. `places`: the action's memory, empty at first;
+    `lag`: how far a frame is behind its command.
     """
     for number, end in enumerate(ends):
         value: float | None = None
@@ -69,7 +72,7 @@ def first_met(
             case TimeEnd():
                 value = running if running >= end.after else None
             case PoseErrorEnd():
-                value = beyond(distance(robot.lag(end.frame), end.axis), end.position)
+                value = beyond(distance(lag(robot, end.frame), end.axis), end.position)
             case ForceEnd():
                 value = beyond(distance(robot.wrenches[end.frame][:3], end.axis), end.limit)
             case ContactEnd():

@@ -29,6 +29,7 @@ from daemon.gains import joint_damping
 from daemon.life import Life
 from daemon.mailbox import MailboxReader
 from daemon.manager import ControllerManager
+from daemon.motion_maker import MotionMaker
 from daemon.orders import Orders
 from daemon.outer_integral import OuterIntegral
 from daemon.ring import StateRingWriter
@@ -98,7 +99,9 @@ class Loop:
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
         mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
         frames = exchange.frame_names(description)
-        self.orders = Orders(mailbox, frames, self.life, self.actions, self.controllers, self.devices, self.holds)
+        maker = MotionMaker(kinematics, gains, period, lockstep)
+        served = (self.life, self.actions, self.controllers, self.devices, self.holds, maker)
+        self.orders = Orders(mailbox, frames, *served)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         who = (self.manager, self.life, self.actions, self.controllers, self.orders)
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, *who)

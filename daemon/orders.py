@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from daemon.actions import ActionTable, Refusal
 from daemon.controller_table import ControllerTable
 from daemon.devices import Devices
-from daemon.exchange import Answer, Command, CommandReader, Kind, Rule, decode
+from daemon.exchange import Answer, Command, CommandReader, Kind, PreparedMotion, Rule, decode
 from daemon.life import Life
+from daemon.motion_maker import MotionMaker
 from daemon.time_holds import TimeHolds
 from hal.joint import JointCommand
 
@@ -25,10 +27,11 @@ class Orders:
         controllers: ControllerTable,
         devices: Devices,
         holds: TimeHolds,
+        maker: MotionMaker,
     ):
         self._mailbox, self._frames = mailbox, frames
         self._life, self._actions, self._devices, self._holds = life, actions, devices, holds
-        self._controllers = controllers
+        self._controllers, self._maker = controllers, maker
         self.answered = 0
         """serial of the command handled last"""
         self.answer = Refusal(Answer.NONE)
@@ -65,10 +68,22 @@ class Orders:
                     return Refusal(Answer.STOP_LATCHED)
                 if not life.enabled:
                     return Refusal(Answer.NOT_ENABLED)
+                if isinstance(command.motion, PreparedMotion):
+                    controller = self._maker.take(command.motion.prepared)
+                    if controller is None:
+                        return Refusal(Answer.NOT_READY)
+                    command = replace(command, motion=replace(command.motion, controller=controller))
                 refusal = actions.start(command, last, time_ns)
                 if refusal is not None and refusal.answer is Answer.EXPIRED:
                     life.ledger.trip(Rule.EXPIRED, value=refusal.value)
                 return refusal
+            case Kind.PREPARE:
+                if command.text:
+                    return Refusal(self._maker.begin(command.serial, command.text, last.position))
+                return Refusal(self._maker.look(command.action))
+            case Kind.STREAM:
+                assert command.reference is not None
+                return actions.stream(command.action, command.reference)
             case Kind.CANCEL:
                 return actions.cancel(command.action)
             case Kind.PAUSE:

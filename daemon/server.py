@@ -35,7 +35,8 @@ from daemon.ring import StateRingReader
 from daemon.roster import roster_file
 from daemon.safety.report import safety_report
 from daemon.timing import TimingReader, loop_timing
-from daemon.validation import check_behaviour, check_gripper, check_power, check_start
+from daemon.validation import check_behaviour, check_gripper, check_power, check_start, check_stream
+from daemon.whole_body_door import WholeBodyDoor
 from handrail import messages as m
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
@@ -45,6 +46,8 @@ from handrail.topics import Publisher, RefusedError, Service, refuse
 
 _ANSWER_TIMEOUT_S = 1.0
 """how long a call waits for the loop's word; the loop looks into its mailbox in every cycle"""
+_PREPARE_TIMEOUT_S, _PREPARE_PERIOD_S = 1.5, 0.01
+"""for how long, and how often, the server asks whether a controller that takes long to make is there"""
 _STOP_TIMEOUT_S = 0.3
 _STATUS_PERIOD_S = 0.2
 _WATCH_PERIOD_S = 0.1
@@ -77,6 +80,7 @@ class Server:
         self._timing = TimingReader(runtime.timing)
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
+        self._whole_body = WholeBodyDoor(description)
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
@@ -118,6 +122,7 @@ class Server:
             m.CancelAction: lambda call: self._steer(Kind.CANCEL, call.id),
             m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
             m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
+            m.StreamPose: self._stream,
             m.CommandGripper: self._command_gripper,
             m.SwitchRelay: self._switch_relay,
         }
@@ -289,16 +294,22 @@ class Server:
         if self._journal.serial(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
         moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
-        self._leases.check(call.owner, moving.joints, call.lease, call.sequence)
-        serial, owner = self._count(), self._owners.number
+        joints = list(self._joints) if isinstance(moving, m.WholeBody) else moving.joints
+        self._leases.check(call.owner, joints, call.lease, call.sequence)
+        owner = self._owners.number
         if isinstance(call, m.StartAction):
             check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
-            started = Started(serial, call.id, call.owner, call.ends, moving.joints)
-            header, payload = exchange.encode_start(call, serial, owner(call.owner), self._joints, self._frames)
+            prepared = self._prepare(call, snapshot) if isinstance(moving, m.WholeBody) else 0
+            serial = self._count()
+            started = Started(serial, call.id, call.owner, call.ends, joints)
+            header, payload = exchange.encode_start(
+                call, serial, owner(call.owner), self._joints, self._frames, prepared
+            )
         else:
             check_behaviour(call, self._description, self._frames, snapshot, self._mailbox.floats)
+            serial = self._count()
             steps = [(step.name, step.ends) for step in call.steps]
-            started = Started(serial, call.id, call.owner, [], moving.joints, steps)
+            started = Started(serial, call.id, call.owner, [], joints, steps)
             header, payload = exchange.encode_behaviour(call, serial, owner(call.owner), self._joints, self._frames)
         self._owners.check_in(call.owner, time.monotonic())
         self._journal.begin(started)
@@ -332,6 +343,27 @@ class Server:
             part=lease.part, owner=lease.owner, epoch=lease.epoch, sequence=self._leases.sequence(call.owner)
         )
 
+    def _prepare(self, call: m.StartAction, snapshot: np.ndarray) -> int:
+        """Have the loop make a whole-body motion's controller; the serial under which it lies ready. RefusedError: not yet."""
+        gives_up = time.monotonic() + _PREPARE_TIMEOUT_S
+        while not self._whole_body.open(_PREPARE_PERIOD_S):
+            self._publish_news()
+            if time.monotonic() > gives_up:
+                raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
+        motion = self._whole_body.checked(call, snapshot["position"], self._mailbox.floats)
+        serial = self._count()
+        answer = self._post(*exchange.encode_prepare(motion, serial))
+        while answer is not None and answer[0] == exchange.Answer.NOT_READY and time.monotonic() < gives_up:
+            self._doorbell.wait(_PREPARE_PERIOD_S)
+            answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=serial))
+        self._require_accepted(answer)
+        return serial
+
+    def _stream(self, call: m.StreamPose) -> None:
+        check_stream(call)
+        serial = self._running(call.id)
+        self._require_accepted(self._post(*exchange.encode_stream(call, self._count(), serial)))
+
     def _command_gripper(self, call: m.CommandGripper) -> None:
         self._leases.check(call.owner, [call.gripper], call.lease, call.sequence)
         row, values = check_gripper(call, self._description)
@@ -352,11 +384,15 @@ class Server:
         self._loop_bell.ring()
 
     def _steer(self, kind: Kind, action: str) -> None:
+        self._ask(kind, action=self._running(action))
+
+    def _running(self, action: str) -> int:
+        """Serial of a running action. Raises RefusedError."""
         self._publish_news()
         serial = self._journal.serial(action)
         if serial is None:
             raise refuse("no such action is running", "id", action, "the id of a running action")
-        self._ask(kind, action=serial)
+        return serial
 
     def _hold_time(self, call: m.HoldTime) -> None:
         if not np.isfinite(call.limit_s):

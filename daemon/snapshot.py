@@ -188,6 +188,7 @@ def _fill(row: object, action: Action, time_ns: int) -> None:
         "step": action.chain.at if action.chain else 0,
         "before": action.chain.before if action.chain else -1,
         "steps_taken": action.chain.taken if action.chain else 0,
+        "detail": _truncated(action.detail, 160),
     }
     for name, value in values.items():
         row[name] = value  # type: ignore[index]

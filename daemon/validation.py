@@ -23,15 +23,18 @@ from handrail.messages import (
     Dither,
     EndCondition,
     ForceEnd,
+    JointsMotion,
     JointTrajectory,
     LoadController,
-    Motion,
     PoseErrorEnd,
+    PostureKnots,
     StallEnd,
     StartAction,
     StartBehaviour,
+    StreamPose,
     SwitchRelay,
     TravelEnd,
+    WholeBody,
 )
 from handrail.robot.description import RobotDescription
 from handrail.topics import RefusedError, refuse
@@ -59,6 +62,10 @@ def check_start(
     the mailbox, in numbers.
     """
     _check_call(message, snapshot)
+    if isinstance(message.motion, WholeBody):
+        _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.whole_body_door
+        _check_ends(message.ends, frames)
+        return
     _check_action(message.motion, message.ends, description, frames, snapshot, largest_payload)
     if isinstance(message.motion, JointTrajectory):
         _check_first_knot(message.motion, snapshot["command"][0][_rows(message.motion.joints, description)])
@@ -101,7 +108,7 @@ def check_behaviour(
         raise refuse("the behaviour is too long", "steps", f"{numbers} numbers", f"at most {largest_payload}")
 
 
-def _numbers(motion: Motion) -> int:
+def _numbers(motion: JointsMotion) -> int:
     """At most so many of the payload."""
     return len(motion.times) * (1 + 2 * len(motion.joints)) if isinstance(motion, JointTrajectory) else 64
 
@@ -117,7 +124,7 @@ def _check_call(message: StartAction | StartBehaviour, snapshot: np.ndarray) -> 
 
 
 def _check_action(
-    motion: Motion,
+    motion: JointsMotion,
     ends: Sequence[EndCondition],
     description: RobotDescription,
     frames: Collection[str],
@@ -132,10 +139,23 @@ def _check_action(
         _check_compliant(motion, frames)
     else:
         _check_cartesian(motion, frames)
+    _check_ends(ends, frames)
+
+
+def _check_ends(ends: Sequence[EndCondition], frames: Collection[str]) -> None:
     if len(ends) > MAX_ENDS:
         raise refuse("too many end conditions", "ends", len(ends), f"at most {MAX_ENDS}")
     for number, end in enumerate(ends):
         _check_end(end, f"ends[{number}]", frames)
+
+
+def check_stream(message: StreamPose) -> None:
+    """Raise RefusedError unless the loop may be given this streamed reference."""
+    if message.position is not None:
+        check_all_finite(np.array(message.position), "position")
+    if message.orientation is not None:
+        check_quaternion(message.orientation, "orientation")
+    check_all_finite(np.array(message.velocity), "velocity")
 
 
 def check_gripper(message: CommandGripper, description: RobotDescription) -> tuple[int, tuple[float, float, float]]:
@@ -182,7 +202,7 @@ def check_load(
     if message.name in (*names, *CONTROLLERS):
         raise refuse("a controller of this name is there already", "name", message.name, "a name of its own")
     if message.kind not in kinds:
-        raise refuse("there is no such kind of controller", "kind", message.kind, _nearest(message.kind, kinds))
+        raise refuse("there is no such kind of controller", "kind", message.kind, nearest(message.kind, kinds))
     _rows(message.joints, description, "joints", "a controller claims")
     if size > largest:
         raise refuse("its parameters are too long", "parameters", f"{size} bytes", f"at most {largest}")
@@ -209,14 +229,14 @@ def check_loaded(name: str, field: str, roster: Roster) -> Loaded:
         if entry.name == name:
             return entry
     names = [entry.name for entry in roster.loaded]
-    raise refuse("no such controller is loaded", field, name, _nearest(name, names) if names else "a loaded controller")
+    raise refuse("no such controller is loaded", field, name, nearest(name, names) if names else "a loaded controller")
 
 
 def _device(name: str, family: str, what: str, description: RobotDescription) -> int:
     """Row of a device of this family, which is also the message's field."""
     known = {device.name: row for row, device in enumerate(description.devices) if device.family == family}
     if name not in known:
-        expected = _nearest(name, known) if known else f"a robot with a {what}"
+        expected = nearest(name, known) if known else f"a robot with a {what}"
         raise refuse(f"{description.name} has no such {what}", family, name, expected)
     return known[name]
 
@@ -243,7 +263,7 @@ def _rows(
     for column, joint in enumerate(joints):
         field = f"{within}[{column}]"
         if joint not in description.joints:
-            raise refuse(f"{description.name} has no such joint", field, joint, _nearest(joint, description.joints))
+            raise refuse(f"{description.name} has no such joint", field, joint, nearest(joint, description.joints))
         if joint in joints[:column]:
             raise refuse("a joint is named twice", field, joint, "each joint once")
     return description.index(tuple(joints))
@@ -258,39 +278,57 @@ def _check_trajectory(
     frames: Collection[str],
     largest_payload: int,
 ) -> None:
+    _check_path(motion, rows, commanded, description, at="motion", largest_payload=largest_payload)
+    if motion.path_force is not None:
+        _check_frame(motion.path_force.frame, "motion.path_force.frame", frames)
+        _check_finite(motion.path_force.gain, "motion.path_force.gain")
+        _check_finite(motion.path_force.limit, "motion.path_force.limit")
+
+
+def check_knots(
+    knots: PostureKnots, at: str, commanded: np.ndarray, description: RobotDescription, *, largest_payload: int
+) -> None:
+    """Raise RefusedError unless these knots of field `at` are within limits; `commanded`: (n,) rad, of all joints."""
+    rows = _rows(knots.joints, description, f"{at}.joints")
+    _check_path(knots, rows, commanded[rows], description, at=at, largest_payload=largest_payload)
+
+
+def _check_path(
+    motion: JointTrajectory | PostureKnots,
+    rows: np.ndarray,
+    commanded: np.ndarray,
+    description: RobotDescription,
+    *,
+    at: str,
+    largest_payload: int,
+) -> None:
     knots, joints = len(motion.times), len(motion.joints)
     if knots < 2:
-        raise refuse("a trajectory has at least two knots", "motion.times", f"{knots} knots", "2 or more")
+        raise refuse("a trajectory has at least two knots", f"{at}.times", f"{knots} knots", "2 or more")
     if knots * (1 + 2 * joints) > largest_payload:
         most = largest_payload // (1 + 2 * joints)
-        raise refuse("the trajectory is too long for one action", "motion.times", f"{knots} knots", f"at most {most}")
+        raise refuse("the trajectory is too long for one action", f"{at}.times", f"{knots} knots", f"at most {most}")
     times = np.array(motion.times)
-    _check_all_finite(times, "motion.times")
+    check_all_finite(times, f"{at}.times")
     if times[0] != 0.0:
-        raise refuse("time begins with the action", "motion.times[0]", times[0], "0")
+        raise refuse("time begins with the action", f"{at}.times[0]", times[0], "0")
     if backward := np.flatnonzero(np.diff(times) <= 0).tolist():
         later = backward[0] + 1
-        raise refuse(
-            "times don't increase", f"motion.times[{later}]", times[later], f"more than {times[later - 1]:g} s"
-        )
-    positions = _table(motion.positions, "motion.positions", knots, joints)
-    velocities = _table(motion.velocities, "motion.velocities", knots, joints)
+        raise refuse("times don't increase", f"{at}.times[{later}]", times[later], f"more than {times[later - 1]:g} s")
+    positions = _table(motion.positions, f"{at}.positions", knots, joints)
+    velocities = _table(motion.velocities, f"{at}.velocities", knots, joints)
     # A robot that stands a little beyond a limit (it sank there while its drives were stopped) may come back.
     lower, upper = np.minimum(description.lower[rows], commanded), np.maximum(description.upper[rows], commanded)
     fastest = description.velocity_limit[rows]
     slack = 1e-6  # of a planner's arithmetic
-    place: dict[str, Any] = {"field": "motion.positions", "joints": motion.joints, "unit": "rad"}
-    speed_place: dict[str, Any] = {"field": "motion.velocities", "joints": motion.joints, "unit": "rad/s"}
+    place: dict[str, Any] = {"field": f"{at}.positions", "joints": motion.joints, "unit": "rad"}
+    speed_place: dict[str, Any] = {"field": f"{at}.velocities", "joints": motion.joints, "unit": "rad/s"}
     _check_within(positions, lower - slack, upper + slack, **place)
     _check_within(velocities, -fastest - slack, fastest + slack, **speed_place)
     low, high, speed = hermite_extremes(times, positions, velocities)
     _check_between(low < lower - OVERSHOOT_POSITION, low, lower, **place)
     _check_between(high > upper + OVERSHOOT_POSITION, high, upper, **place)
     _check_between(speed > fastest * (1 + OVERSHOOT_VELOCITY), speed, fastest, **speed_place)
-    if motion.path_force is not None:
-        _check_frame(motion.path_force.frame, "motion.path_force.frame", frames)
-        _check_finite(motion.path_force.gain, "motion.path_force.gain")
-        _check_finite(motion.path_force.limit, "motion.path_force.limit")
 
 
 def hermite_extremes(
@@ -329,14 +367,23 @@ def _check_first_knot(motion: JointTrajectory, commanded: np.ndarray) -> None:
         )
 
 
+def check_quaternion(orientation: Sequence[float], field: str) -> None:
+    """Raise RefusedError unless it is a unit quaternion."""
+    quaternion = np.array(orientation)
+    check_all_finite(quaternion, field)
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > 1e-3:
+        raise refuse("no unit quaternion", field, f"norm {norm:.4g}", "norm 1")
+
+
 def _check_compliant(motion: CompliantMotion, frames: Collection[str]) -> None:
     _check_cartesian(motion, frames)
-    _check_all_finite(np.array(motion.shift), "motion.shift")
+    check_all_finite(np.array(motion.shift), "motion.shift")
     if motion.goal_in_world is not None and any(motion.shift):
         raise refuse(
             "one of goal_in_world and shift", "motion.shift", list(motion.shift), "0, 0, 0 with a goal_in_world"
         )
-    _check_quaternion(motion.axes, "motion.axes")
+    check_quaternion(motion.axes, "motion.axes")
     _check_axes(motion.compliance, "motion.compliance")
     _check_axes(motion.dither, "motion.dither")
     for number, soft in enumerate(motion.compliance):
@@ -366,8 +413,8 @@ def _check_axes(listed: Sequence[Compliance | Dither], field: str) -> None:
 def _check_cartesian(motion: CartesianImpedance | CompliantMotion, frames: Collection[str]) -> None:
     _check_frame(motion.frame, "motion.frame", frames)
     if motion.goal_in_world is not None:
-        _check_all_finite(np.array(motion.goal_in_world.position), "motion.goal_in_world.position")
-        _check_quaternion(motion.goal_in_world.orientation, "motion.goal_in_world.orientation")
+        check_all_finite(np.array(motion.goal_in_world.position), "motion.goal_in_world.position")
+        check_quaternion(motion.goal_in_world.orientation, "motion.goal_in_world.orientation")
     _check_finite(motion.duration, "motion.duration")
     for part, value in enumerate(motion.stiffness):
         _check_finite(value, f"motion.stiffness[{part}]")
@@ -375,20 +422,12 @@ def _check_cartesian(motion: CartesianImpedance | CompliantMotion, frames: Colle
             raise refuse("stiffness below zero", f"motion.stiffness[{part}]", value, "0 or more")
 
 
-def _check_quaternion(given: Sequence[float], field: str) -> None:
-    quaternion = np.array(given)
-    _check_all_finite(quaternion, field)
-    norm = float(np.linalg.norm(quaternion))
-    if abs(norm - 1.0) > 1e-3:
-        raise refuse("no unit quaternion", field, f"norm {norm:.4g}", "norm 1")
-
-
 def _check_end(end: EndCondition, field: str, frames: Collection[str]) -> None:
     if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd | StallEnd | TravelEnd):
         _check_frame(end.frame, f"{field}.frame", frames)
     if isinstance(end, PoseErrorEnd | ForceEnd | TravelEnd) and end.axis is not None:
         axis = np.array(end.axis)
-        _check_all_finite(axis, f"{field}.axis")
+        check_all_finite(axis, f"{field}.axis")
         if abs(np.linalg.norm(axis) - 1.0) > 1e-3:
             raise refuse("no unit vector", f"{field}.axis", list(end.axis), "length 1")
     for name in ("after", "position", "limit", "threshold", "margin", "error", "share", "distance", "within"):
@@ -398,7 +437,7 @@ def _check_end(end: EndCondition, field: str, frames: Collection[str]) -> None:
 
 def _check_frame(frame: str, field: str, frames: Collection[str]) -> None:
     if frame not in frames:
-        raise refuse("the robot has no such frame", field, frame, _nearest(frame, frames))
+        raise refuse("the robot has no such frame", field, frame, nearest(frame, frames))
 
 
 def _check_finite(value: float, field: str) -> None:
@@ -406,7 +445,8 @@ def _check_finite(value: float, field: str) -> None:
         raise refuse("not a finite number", field, value, "a finite number")
 
 
-def _check_all_finite(values: np.ndarray, field: str) -> None:
+def check_all_finite(values: np.ndarray, field: str) -> None:
+    """Raise RefusedError, naming the element, where something is no finite number."""
     if bad := np.argwhere(~np.isfinite(values)).tolist():
         place = "".join(f"[{index}]" for index in bad[0])
         raise refuse("not a finite number", f"{field}{place}", values[tuple(bad[0])], "a finite number")
@@ -419,7 +459,7 @@ def _table(given: list[list[float]], field: str, knots: int, joints: int) -> np.
         if len(row) != joints:
             raise refuse("a column a joint", f"{field}[{number}]", f"{len(row)} numbers", f"{joints} numbers")
     table = np.array(given, dtype=float)
-    _check_all_finite(table, field)
+    check_all_finite(table, field)
     return table
 
 
@@ -449,7 +489,8 @@ def _check_between(
         )
 
 
-def _nearest(given: str, known: Collection[str]) -> str:
+def nearest(given: str, known: Collection[str]) -> str:
+    """What to expect instead of a name that is not known."""
     if close := difflib.get_close_matches(given, known, n=3, cutoff=0.5):
         return f"one such as {', '.join(close)}"
     return f"one of {', '.join(sorted(known)[:6])}, ..."

@@ -139,13 +139,19 @@ def _plain(node: Any) -> Any:
 def read(file: Path | str) -> Document:
     """Parse a YAML file (1.2, no tags that build objects). Raises ConfigError with file and line."""
     file = Path(file)
-    yaml = YAML(typ="rt")
     try:
-        data = yaml.load(file.read_text(encoding="utf-8"))
+        text = file.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise ConfigError(file, None, "", "no such file") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(file, None, "", f"can't be read: {error}") from error
+    return parse(text, file)
+
+
+def parse(text: str, file: Path) -> Document:
+    """Parse YAML that somebody else has read; `file`: what its errors call it. Raises ConfigError with file and line."""
+    try:
+        data = YAML(typ="rt").load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark
         raise ConfigError(file, mark.line + 1 if mark else None, "", f"not YAML: {error.problem}") from error

@@ -298,8 +298,9 @@ class ActionEvent(Message):
     """of a behaviour: the step that it is in, or was in when it ended"""
     outcome: str = ""
     """ended: `done` (trajectory finished), the name of the end condition that tripped, `cancelled`, `stopped`, `owner_lost`,
-    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`, `controller_error` (a ControllerEvent has the traceback);
-    of a behaviour, of its last step, or `step_refused`, `too_many_steps`"""
+    `refused_by_limits`, `drive_fault`, `diverged`, `stale_state`, `controller_error` (a ControllerEvent has the traceback),
+    `infeasible` (constraints exclude each other: `detail` names the one that blocks); of a behaviour, of its last step, or
+    `step_refused`, `too_many_steps`"""
     detail: str = ""
     """what came about where; running, of a behaviour: how the step before ended"""
     position: list[float] = []
@@ -834,7 +835,77 @@ class CompliantMotion(msgspec.Struct, tag="compliant_motion", kw_only=True, forb
     """N/m, N·m/rad, about the path, displaced by compliance and dither"""
 
 
-Motion = JointTrajectory | CartesianImpedance | CompliantMotion
+class FixedPose(msgspec.Struct, tag="fixed", kw_only=True, forbid_unknown_fields=True):
+    """A task's frame is brought to `pose` and stays there: gone to at `speed` and `turn` at most, not jumped to."""
+
+    task: Name
+    pose: Pose
+    """in the frame that the task is relative to"""
+    speed: Positive = 0.25
+    """m/s"""
+    turn: Positive = 1.0
+    """rad/s"""
+
+
+class FrameLine(msgspec.Struct, tag="line", kw_only=True, forbid_unknown_fields=True):
+    """A task's frame goes in a straight line to `goal`, minimum-jerk in `duration` s, from where it is at the start."""
+
+    task: Name
+    goal: Pose
+    """in the frame that the task is relative to"""
+    duration: Positive
+
+
+class PostureKnots(msgspec.Struct, tag="knots", kw_only=True, forbid_unknown_fields=True):
+    """A JPos goes through knots, by cubic Hermite interpolation; joints that are not named stay where they are commanded."""
+
+    task: Name
+    joints: list[Name]
+    times: list[float]
+    """s from the action's start, strictly increasing, first 0"""
+    positions: list[list[float]]
+    """rad, knots × joints"""
+    velocities: list[list[float]]
+    """rad/s, knots × joints"""
+
+
+class PoseStream(msgspec.Struct, tag="stream", kw_only=True, forbid_unknown_fields=True):
+    """A task's frame follows what StreamPose brings, and stands when nothing has come for `stale` s."""
+
+    task: Name
+    stale: Positive = 0.1
+    """s"""
+    speed: Positive = 0.5
+    """m/s: a pose that is far off is gone to no faster"""
+    turn: Positive = 1.5
+    """rad/s"""
+
+
+Reference = FixedPose | FrameLine | PostureKnots | PoseStream
+
+
+class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_fields=True):
+    """Run a compound task on all joints: torques of whole-body control, and an impedance about where they lead.
+
+    References that neither compound nor `references` give are where the robot is commanded to be at the start. Ends by itself
+    after `duration` s, or with its longest trajectory, and otherwise by an end condition or a cancellation.
+    """
+
+    compound: Annotated[str, Meta(min_length=1)]
+    """name of a compound task (docs/wbc.md), or its YAML text"""
+    references: list[Reference] = []
+    """at most one a task"""
+    duration: NonNegative = 0.0
+    """s; 0: as long as the longest trajectory among the references, without one for ever"""
+    stiffness: Annotated[float, Meta(ge=0, le=1)] = 0.5
+    """of the drives about the desired positions, as a share of the robot's own: what the model does not know (a push, a wrong
+    mass) moves light joints far where both are low"""
+    damping: Annotated[float, Meta(ge=0, le=1)] = 1.0
+
+
+JointsMotion = JointTrajectory | CartesianImpedance | CompliantMotion
+"""those that say which joints they move"""
+Motion = JointsMotion | WholeBody
 
 
 @_travels(priority=1, remote=False)
@@ -863,7 +934,7 @@ class Step(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One action of a behaviour."""
 
     name: Name
-    motion: Motion
+    motion: JointsMotion
     ends: list[EndCondition] = []
     then: dict[str, Name] = {}
     """how it ended → the step that follows, or `end`. How: `done`, an end condition's type (`contact`), or one by its number
@@ -892,6 +963,25 @@ class StartBehaviour(Message):
     lease: int = 0
     sequence: int = 0
     """as of StartAction"""
+
+
+@_travels(priority=1, remote=False)
+class StreamPose(Message):
+    """Where a streamed reference of a running whole-body action is to be, in the frame that its task is relative to.
+
+    What is not given stays as it was sent last. Between two of these it goes on at `velocity`. Refused when no such action runs,
+    or nothing of it is streamed under this name.
+    """
+
+    id: Name
+    """the action's"""
+    task: Name
+    position: tuple[float, float, float] | None = None
+    """m"""
+    orientation: tuple[float, float, float, float] | None = None
+    """x y z w"""
+    velocity: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """m/s, rad/s: linear, angular"""
 
 
 @_travels(priority=1)
@@ -948,6 +1038,7 @@ DaemonCall = (
     | CancelAction
     | PauseAction
     | ResumeAction
+    | StreamPose
     | CommandGripper
     | SwitchRelay
 )

@@ -185,6 +185,19 @@ class MotionController(Controller):
         return self.clock.at_end
 
     @property
+    def failure(self) -> str:
+        """Why it can't go on; "": it can."""
+        return ""
+
+    @property
     def path_force(self) -> float:
         """N, what a path-force integrator adds now."""
         return 0.0
+
+    def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
+        """A streamed reference (exchange.StreamedReference). False: nothing is streamed here under this name."""
+        return False
+
+    def lag(self, robot: RobotState, frame: str) -> Array:
+        """(3,) m, world axes: where a frame is commanded to be minus where it is measured."""
+        return robot.lag(frame)

@@ -18,13 +18,14 @@ from daemon.controllers.compliant_motion import CompliantMotion
 from daemon.controllers.gravity_compensation import GravityCompensation
 from daemon.controllers.joint_impedance import JointImpedance
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.exchange import CartesianMotion, MotionCommand, TaskFrameMotion, TrajectoryMotion
+from daemon.exchange import CartesianMotion, MotionCommand, PreparedMotion, TaskFrameMotion, TrajectoryMotion
 from daemon.roster import own_kinds
 
 MOTIONS: dict[type, Callable[[Any, Gains, float], MotionController]] = {
     TrajectoryMotion: JointTrajectory,
     CartesianMotion: CartesianImpedance,
     TaskFrameMotion: CompliantMotion,
+    PreparedMotion: lambda motion, gains, period: motion.controller,
 }
 """decoded motion (daemon.exchange) → what makes a controller of it, of the robot's gains and of the loop's period in s. That
 happens in a cycle, so it takes some 50 µs at most: arrays, no imports, nothing to be compiled."""

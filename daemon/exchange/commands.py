@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,13 +26,15 @@ from handrail.messages import (
     StartAction,
     StartBehaviour,
     Step,
+    StreamPose,
     TaskAxis,
     TimeEnd,
     TorqueLimitEnd,
     TravelEnd,
+    WholeBody,
 )
 
-MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT = 1, 2, 3
+MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT, MOTION_PREPARED = 1, 2, 3, 4
 TASK_AXES: tuple[TaskAxis, ...] = ("x", "y", "z", "rx", "ry", "rz")
 COMPLIANCE_ROWS = ("on", "force", "stiffness", "damping", "speed", "reach")
 DITHER_ROWS = ("amplitude", "frequency")
@@ -88,21 +91,24 @@ def encode_start(
     owner: int,
     joint_index: Mapping[str, int],
     frame_index: Mapping[str, int],
+    prepared: int = 0,
 ) -> tuple[np.ndarray, NDArray[np.float64]]:
     """(header, payload) of a StartAction that the server has checked already.
 
-    `joint_index`: position in RobotDescription.joints; `frame_index`: position in `frame_names`. Raises KeyError on a name that
+    `joint_index`: position in RobotDescription.joints; `frame_index`: position in `frame_names`; `prepared`: serial of the PREPARE
+    that made a whole-body motion's controller. Raises KeyError on a name that
     isn't there, ValueError where the message has more joints or end conditions than a command holds.
     """
     header = encode_command(Kind.START, serial, owner=owner, value=message.hold_after_s)
     motion = message.motion
-    if len(motion.joints) > MAX_JOINTS:
-        raise ValueError(f"motion.joints: {len(motion.joints)}; expected at most {MAX_JOINTS}")
+    joints = list(joint_index) if isinstance(motion, WholeBody) else motion.joints
+    if len(joints) > MAX_JOINTS:
+        raise ValueError(f"motion.joints: {len(joints)}; expected at most {MAX_JOINTS}")
     if len(message.ends) > MAX_ENDS:
         raise ValueError(f"ends: {len(message.ends)}; expected at most {MAX_ENDS}")
     header["expires_ns"] = message.expires_ns
-    header["joint_count"] = len(motion.joints)
-    header["joints"][: len(motion.joints)] = [joint_index[name] for name in motion.joints]
+    header["joint_count"] = len(joints)
+    header["joints"][: len(joints)] = [joint_index[name] for name in joints]
     header["end_count"] = len(message.ends)
     for row, end in zip(header["ends"], message.ends, strict=False):
         _encode_end(row, end, frame_index)
@@ -114,6 +120,8 @@ def encode_start(
             header["gain"], header["limit"] = motion.path_force.gain, motion.path_force.limit
         knots = (motion.times, motion.positions, motion.velocities)
         payload = np.concatenate([np.asarray(part, float).ravel() for part in knots])
+    elif isinstance(motion, WholeBody):
+        header["motion"], header["action"] = MOTION_PREPARED, prepared
     else:
         header["motion"], header["frame"] = MOTION_CARTESIAN, frame_index[motion.frame]
         if motion.goal_in_world is not None:
@@ -173,6 +181,35 @@ def _encode_task(motion: CompliantMotion) -> NDArray[np.float64]:
     return np.concatenate([np.array(head, float), compliance.ravel(), dither.ravel()])
 
 
+def encode_prepare(motion: WholeBody, serial: int) -> tuple[np.ndarray, NDArray[np.float64]]:
+    """(header, payload) that ask for the controller of a motion that the server has checked."""
+    payload = _packed(msgspec.msgpack.encode(motion))
+    header = encode_command(Kind.PREPARE, serial)
+    header["payload_length"] = len(payload)
+    return header, payload
+
+
+def encode_stream(message: StreamPose, serial: int, action: int) -> tuple[np.ndarray, NDArray[np.float64]]:
+    """(header, payload) of a streamed reference of the START with serial `action`."""
+    none = (np.nan,) * 4
+    numbers = np.array([*(message.position or none[:3]), *(message.orientation or none), *message.velocity])
+    payload = np.concatenate((numbers, _packed(message.task.encode())))
+    header = encode_command(Kind.STREAM, serial, action=action)
+    header["payload_length"] = len(payload)
+    return header, payload
+
+
+def _packed(text: bytes) -> NDArray[np.float64]:
+    """Bytes as float64: how many, then they."""
+    return np.concatenate(([len(text)], np.frombuffer(text.ljust(-(-len(text) // 8) * 8, b"\0"), np.float64)))
+
+
+def _unpacked(payload: NDArray[np.float64]) -> bytes:
+    if not len(payload) or not 0 <= payload[0] <= 8 * (len(payload) - 1):
+        raise ValueError("a payload that is shorter than it says")
+    return payload[1:].tobytes()[: int(payload[0])]
+
+
 def _encode_end(row: np.void, end: EndCondition, frame_index: Mapping[str, int]) -> None:
     row["kind"], row["frame"] = _END_KINDS.index(type(end)), -1
     row["value"] = getattr(end, _END_VALUES[type(end)])
@@ -208,6 +245,30 @@ class CartesianMotion:
 
 
 @dataclass(frozen=True)
+class PreparedMotion:
+    """One whose controller was made beforehand."""
+
+    joints: NDArray[np.int64]
+    prepared: int
+    """serial of the PREPARE"""
+    controller: Any = None
+    """daemon.controllers.base.MotionController, once somebody has fetched it"""
+
+
+@dataclass(frozen=True)
+class StreamedReference:
+    """Where a task's frame is to be; none: as sent before."""
+
+    task: str
+    position: NDArray[np.float64] | None
+    """(3,) m"""
+    orientation: NDArray[np.float64] | None
+    """(4,) x y z w"""
+    velocity: NDArray[np.float64]
+    """(6,) m/s, rad/s"""
+
+
+@dataclass(frozen=True)
 class TaskFrameMotion:
     """A path of one frame, with compliance and dither on axes of a task frame (messages.CompliantMotion, nothing left out)."""
 
@@ -227,7 +288,7 @@ class TaskFrameMotion:
     """(DITHER_ROWS, 6)"""
 
 
-MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion
+MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion | PreparedMotion
 
 
 @dataclass(frozen=True)
@@ -255,6 +316,7 @@ class Command:
     steps: tuple[StepCommand, ...] = ()
     """BEHAVIOUR; `motion` and `ends` are then the first one's"""
     most_steps: int = 0
+    reference: StreamedReference | None = None
     device: int = -1
     device_values: NDArray[np.float64] | None = None
     """hal.device's commanded columns, or what Kind.RELAY says"""
@@ -293,6 +355,8 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
                 force = PathForce(frame=frames[frame], gain=float(header["gain"]), limit=float(header["limit"]))
             positions, velocities = own[k : k + k * m].reshape(k, m), own[k + k * m :].reshape(k, m)
             motion = TrajectoryMotion(joints, own[:k], positions, velocities, force)
+        elif int(header["motion"]) == MOTION_PREPARED:
+            motion = PreparedMotion(joints, int(header["action"]))
         else:
             goal = [float(x) for x in header["goal"]]
             pose = Pose(position=(goal[0], goal[1], goal[2]), orientation=(goal[3], goal[4], goal[5], goal[6]))
@@ -313,11 +377,12 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
         ends=ends,
         steps=steps,
         most_steps=int(header["most_steps"]),
+        reference=_decode_stream(payload) if kind is Kind.STREAM else None,
         device=int(header["device"]) if kind in _OF_DEVICES else -1,
         device_values=header["device_values"].copy() if kind in _OF_DEVICES else None,
         come=int(header["controllers"][0]),
         go=int(header["controllers"][1]),
-        text=payload.tobytes() if kind in _OF_CONTROLLERS else b"",
+        text=_text(kind, payload),
     )
 
 
@@ -363,6 +428,24 @@ def _decode_task(
         stiffness=stiffness,
         compliance=tables[: rows[0]],
         dither=tables[rows[0] :],
+    )
+
+
+def _text(kind: Kind, payload: NDArray[np.float64]) -> bytes:
+    if kind is Kind.PREPARE and len(payload):
+        return _unpacked(payload)
+    return payload.tobytes() if kind in _OF_CONTROLLERS else b""
+
+
+def _decode_stream(payload: NDArray[np.float64]) -> StreamedReference:
+    position, orientation, velocity = np.split(np.array(payload[:13], float), (3, 7))
+    if len(velocity) != 6:
+        raise ValueError(f"{len(payload)} numbers for a pose and its velocity")
+    return StreamedReference(
+        _unpacked(payload[13:]).decode(),
+        None if np.isnan(position).all() else position,
+        None if np.isnan(orientation).all() else orientation,
+        velocity,
     )
 
 

@@ -67,6 +67,8 @@ class Outcome(enum.IntEnum):
     """the behaviour's next step does not start where the robot is: `joint` is `value` rad off"""
     TOO_MANY_STEPS = 12
     """`value` steps of the behaviour have been taken"""
+    INFEASIBLE = 13
+    """constraints exclude each other; `detail` names the one that blocks"""
 
 
 class ControllerState(enum.IntEnum):
@@ -101,6 +103,10 @@ class Kind(enum.IntEnum):
     RELEASE_TIME = 9
     DEVICE = 10
     """`device` follows `device_values`; a gripper's enable column is the loop's business"""
+    PREPARE = 16
+    """make the controller of an encoded motion (payload), which takes a while; without payload: is that of `action` there?"""
+    STREAM = 17
+    """`action` takes a streamed reference (payload)"""
     RELAY = 11
     """`device` switches its relay: `device_values` are (1: close it, 1: though the robot is enabled)"""
     LOAD = 12
@@ -150,6 +156,9 @@ class Answer(enum.IntEnum):
     """other controllers are loaded than the caller knew of"""
     ISOLATED = 19
     """the limb of `answer_joint` is out of the robot, since one of its drives failed"""
+    NOT_READY = 20
+    """the controller is still being made"""
+    NO_SUCH_REFERENCE = 21
 
 
 class Rule(enum.IntEnum):
@@ -181,7 +190,7 @@ class Rule(enum.IntEnum):
     GAIN = 14
 
 
-CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion")
+CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion", "whole_body")
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
 LOADED_CODE = 64
 """Likewise: from here on, the slots of the controllers that were loaded by name."""
@@ -208,7 +217,8 @@ COMMAND = np.dtype(
         ("serial", "u8"),
         ("kind", "u4"),
         ("owner", "u4"),  # number that the server gives each owner, never 0
-        ("action", "u8"),  # CANCEL, PAUSE, RESUME: serial of the START meant; CONFIGURE, SWITCH, UNLOAD: roster meant
+        ("action", "u8"),  # CANCEL, PAUSE, RESUME, STREAM: serial of the START meant; START, PREPARE: of a PREPARE;
+        # CONFIGURE, SWITCH, UNLOAD: roster meant
         ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s
         ("expires_ns", "i8"),
         ("motion", "u4"),
@@ -253,6 +263,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("condition", "i2"),
             ("joint", "i2"),  # the joint that it was about, -1: none
             ("value", "f8"),  # the number that tripped: s, m, N, rad or a share
+            ("detail", "S160"),  # UTF-8: what else there is to say of its end
             ("cycle", "i8"),  # of the last change of state
             ("time_ns", "i8"),
             ("step", "i2"),  # of a behaviour: the one that it is in

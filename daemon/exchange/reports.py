@@ -113,6 +113,8 @@ def _how_it_ended(
         detail = f"{detail} at {joint}".strip()
         if outcome is Outcome.DRIVE_FAULT and joint in problems:
             detail = f"{detail}: {problems[joint]}"
+    if said := bytes(slot["detail"]).decode(errors="replace"):
+        detail = f"{detail} {said}".strip()
     return text, detail
 
 
@@ -208,6 +210,19 @@ def explain(
             "an answer to a ParameterRequest for it",
         ),
         Answer.DEVICE_SILENT: (f"{joint} does not answer", "device", joint, "a device that answers"),
+        Answer.NOT_READY: (
+            "the controller is still being made: the first one of an installation is compiled, which takes a minute or two "
+            "(`make setup` does it ahead); call again",
+            "motion",
+            "not ready",
+            "a controller that is ready",
+        ),
+        Answer.NO_SUCH_REFERENCE: (
+            "nothing of this action is streamed under that name, or the pose is not finite",
+            "task",
+            "",
+            "the name of a task with a streamed reference",
+        ),
         Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
     }
     return told.get(answer, (f"the loop answered {answer.name.lower()}", "", "", ""))

@@ -15,8 +15,10 @@ levels:                           # highest first; tasks of one level share it b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 
@@ -25,7 +27,9 @@ from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.parameters import WbcError
 from daemon.wbc.tasks import AnyTask, Task
-from handrail import config
+from handrail import config, workspace
+
+_NAME = re.compile(r"[\w.-]+")
 
 
 class CompoundTask(msgspec.Struct, forbid_unknown_fields=True):
@@ -52,29 +56,50 @@ class _File(CompoundTask, forbid_unknown_fields=True):
 
 def load(file: Path | str) -> CompoundTask:
     """Read a compound task. Raises config.ConfigError with file and line."""
-    return _load(Path(file), ())
+    return _merged(config.read(file), ())
 
 
 def load_on(file: Path | str, model: WholeBodyModel) -> WholeBody:
     """Read one for a robot. Raises config.ConfigError with file and line, for names that the robot has not, too."""
     document = config.read(file)
-    compound = load(file)
+    return _on(document, _merged(document, ()), model)
+
+
+def find(text: str, folders: Sequence[Path], model: WholeBodyModel) -> CompoundTask:
+    """The compound task of this name in `folders`, the first of which counts, or with this YAML text, which may extend one of
+    them. Raises config.ConfigError with file and line; it has been tried on `model`."""
+    known = workspace.files(list(folders))
+    if _NAME.fullmatch(text):
+        if text not in known:
+            raise config.ConfigError(
+                text, None, "", f"no such compound task; expected one of {', '.join(known)}, or YAML"
+            )
+        document = config.read(known[text])
+    else:
+        document = config.parse(text, Path("compound"))
+    compound = _merged(document, (), known)
+    _on(document, compound, model)
+    return compound
+
+
+def _on(document: config.Document, compound: CompoundTask, model: WholeBodyModel) -> WholeBody:
     try:
         return compound.on(model)
     except WbcError as error:
         raise document.error(error.field, error.problem) from error
 
 
-def _load(file: Path, above: tuple[Path, ...]) -> CompoundTask:
-    document = config.read(file)
-    read = document.convert(_File)
+def _merged(
+    document: config.Document, above: tuple[Path, ...], known: Mapping[str, Path] = MappingProxyType({})
+) -> CompoundTask:
+    """With what it extends: a file beside it, or one of those `known` by name."""
+    read, file = document.convert(_File), document.file
+    own = CompoundTask(read.name or file.stem, read.constraints, read.levels)
     if not read.extends:
-        return CompoundTask(read.name or file.stem, read.constraints, read.levels)
-    base = (file.parent / read.extends).resolve()
+        return own
+    base = known.get(read.extends, (file.parent / read.extends).resolve())
     if base in (*above, file.resolve()):
         raise document.error("extends", f"{read.extends} extends this file; expected no circle")
     if not base.is_file():
         raise document.error("extends", f"no such file: {base}")
-    return _load(base, (*above, file.resolve())).below(
-        CompoundTask(read.name or file.stem, read.constraints, read.levels)
-    )
+    return _merged(config.read(base), (*above, file.resolve()), known).below(own)

@@ -58,6 +58,7 @@ class _Contact(Constraint, kw_only=True):
         here = model.frame(self.frame)
         held.parameters[at.REF_P : at.REF_P + 3] = here.act(np.asarray(self.point, float))
         held.parameters[at.REF_R : at.REF_R + 9] = here.rotation.ravel()
+        held.finds_position = held.finds_orientation = True
         if not 0.0 <= self.least_force < self.most_force:
             raise WbcError(
                 "most_force", f"got {self.most_force!r} N; expected more than least_force, {self.least_force!r} N"

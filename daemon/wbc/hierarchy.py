@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from daemon.wbc import kernels
 from daemon.wbc import layout as at
@@ -262,6 +263,29 @@ class WholeBody:
         if worst:
             self.result.solved, (self.result.why, self.result.blocked) = False, worst
         return self.result
+
+    def start_here(self) -> None:
+        """Take every reference that was not given from where the model is now, as when this was made."""
+        model, memory = self.model, self._memory
+        for number, made in enumerate(self._entries):
+            p = memory["parameters"][number]
+            if made.posture is not None and made.given_joints is not None:
+                first = 6 * int(self.plan[number, at.SLOT])
+                memory["posture"][first] = np.where(made.given_joints, made.posture[0], model.state[0])
+            elif made.kind == Kind.COM and made.finds_position:
+                p[at.REF_P : at.REF_P + 3] = model.com
+            elif made.kind == Kind.POSE and (made.finds_position or made.finds_orientation):
+                base = self._placed(made.base_joint, p[at.BASE_P : at.BASE_P + 3], p[at.BASE_R : at.BASE_R + 9])
+                frame = self._placed(made.joint, p[at.FRAME_P : at.FRAME_P + 3], p[at.FRAME_R : at.FRAME_R + 9])
+                here = base.actInv(frame)
+                if made.finds_position:
+                    p[at.REF_P : at.REF_P + 3] = here.translation
+                if made.finds_orientation:
+                    p[at.REF_R : at.REF_R + 9] = here.rotation.ravel()
+
+    def _placed(self, joint: int, position: Array, rotation: Array) -> pin.SE3:
+        """What lies at `position` (3,) m, `rotation` (9,) on a joint's body, in the world, as of the model's last pass."""
+        return self.model.data.oMi[joint] * pin.SE3(rotation.reshape(3, 3), position)
 
     def warm_up(self) -> None:
         """Compile (or load) all kernels: before a loop starts."""

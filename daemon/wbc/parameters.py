@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from daemon.wbc import layout as at
 from daemon.wbc.layout import Kind
@@ -44,6 +45,11 @@ class Entry:
     parameters: Array = field(default_factory=lambda: np.zeros(at.PARAMETERS_WIDTH))
     posture: Array | None = None
     """(6, nv), of a posture"""
+    given_joints: NDArray[np.bool_] | None = None
+    """(nv,), of a posture: whose reference was given"""
+    finds_position: bool = False
+    """its reference was not given: it is where the frame stands at the start"""
+    finds_orientation: bool = False
     given: Array | None = None
     """(count, n + 1), of given rows; filled in by the caller"""
 

@@ -126,6 +126,47 @@ class StreamedPose:
         self._handle.pose(here, turned, np.concatenate((linear, angular)))
 
 
+class Leash:
+    """Keeps a frame's reference within reach of where the frame was measured in the cycle before, whoever moves it.
+
+    A task that can't be met (something is in the way, the arm is stretched) otherwise asks for K times a distance that grows
+    without end, drives go from bound to bound, and the frame shoots off when it comes free. `give` before the references
+    advance, `take` after.
+    """
+
+    def __init__(self, handle: Handle, reach: float, turn: float):
+        """`reach` m, `turn` rad."""
+        self._reach, self._turn = reach, turn
+        self._position, self._rotation = handle.reference
+        self._wanted = self._position.copy(), self._rotation.copy()
+        self._error = handle.error
+        self.off = np.zeros(3)
+        """(3,) m: what is wanted minus what was measured, on the task's axes"""
+        self._short = False
+
+    def give(self) -> None:
+        """Put back the reference as it was wanted."""
+        self._position_measured = self._position - self._error[:3]
+        self._turn_measured = self._error[3:].copy()
+        self._rotation_used = self._rotation.copy()
+        if self._short:
+            self._position[:], self._rotation[:] = self._wanted
+
+    def take(self) -> None:
+        """Shorten it."""
+        self.off = self._position - self._position_measured
+        here = pin.exp3(-self._turn_measured) @ self._rotation_used
+        turn = pin.log3(self._rotation @ here.T)
+        far, wide = float(np.linalg.norm(self.off)), float(np.linalg.norm(turn))
+        self._short = far > self._reach or wide > self._turn
+        if self._short:
+            self._wanted[0][:], self._wanted[1][:] = self._position, self._rotation
+            if far > self._reach:
+                self._position[:] = self._position_measured + self.off * (self._reach / far)
+            if wide > self._turn:
+                self._rotation[:] = pin.exp3(turn * (self._turn / wide)) @ here
+
+
 def _at_most(vector: Array, most: float) -> Array:
     size = float(np.linalg.norm(vector))
     return vector if size <= most else vector * (most / size)

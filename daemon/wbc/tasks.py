@@ -62,12 +62,12 @@ class JPos(Task, tag="JPos", kw_only=True):
         rows = [joint_row(model, joint, f"joints[{i}]") for i, joint in enumerate(self.joints)] or list(model.rows)
         made = entry(Kind.POSTURE, model, count=len(rows), weight=self.weight)
         made.posture = np.zeros((6, model.nv))
-        made.posture[0] = model.state[0]
+        made.posture[0], made.given_joints = model.state[0], np.zeros(model.nv, bool)
         for joint, value in self.position.items():
             row = joint_row(model, joint, f"position.{joint}")
             if row not in rows:
                 raise WbcError(f"position.{joint}", "is not among joints")
-            made.posture[0, row] = numbers((value,), 1, f"position.{joint}")[0]
+            made.posture[0, row], made.given_joints[row] = numbers((value,), 1, f"position.{joint}")[0], True
         stiffness = np.atleast_1d(np.asarray(self.stiffness, float))
         damping = 2.0 * np.sqrt(stiffness) if self.damping is None else np.atleast_1d(np.asarray(self.damping, float))
         for field, values in (("stiffness", stiffness), ("damping", damping)):
@@ -93,6 +93,8 @@ class _Frame(Task, kw_only=True):
         here = self._here(model, point)
         made.parameters[at.REF_P : at.REF_P + 3] = here.translation
         made.parameters[at.REF_R : at.REF_R + 9] = here.rotation.ravel()
+        made.finds_position = getattr(self, "position", None) is None
+        made.finds_orientation = getattr(self, "orientation", None) is None
         return made
 
     def _here(self, model: WholeBodyModel, point: Vector) -> pin.SE3:
@@ -164,6 +166,7 @@ class COM(Task, tag="COM", kw_only=True):
         gains(made, self.stiffness, self.damping, mask)
         position = model.com if self.position is None else numbers(self.position, 3, "position")
         made.parameters[at.REF_P : at.REF_P + 3] = position
+        made.finds_position = self.position is None
         return made
 
 

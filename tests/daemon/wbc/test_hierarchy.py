@@ -359,3 +359,26 @@ def test_what_can_not_be_is_refused_by_name(model_of) -> None:
         with pytest.raises(WbcError, match=r".") as refused:
             WholeBody(model, levels, constraints)
         assert message in str(refused.value)
+
+
+def test_references_that_nobody_gave_start_anew_where_the_robot_is_now(model_of) -> None:
+    """As when they are made there, to the last digit; what was given stays."""
+    model = model_of("panda")
+    home = model.q.copy()
+
+    def make() -> WholeBody:
+        levels = [
+            [CartPos(frame="panda_hand", name="hand", axes=("x", "y"))],
+            [SE3(frame="panda_link4", relative_to="panda_hand", name="elbow", orientation=(0.0, 0.0, 0.6, 0.8))],
+            [COM(name="com")],
+            [JPos(name="posture", position={"panda_joint2": 0.1})],
+        ]
+        return WholeBody(model, levels, [PointContact(frame="panda_link7", name="touch", stiffness=10.0)])
+
+    body = make()
+    model.place(home + 0.2, np.zeros(7))
+    fresh = make()
+    assert not np.array_equal(body.memory["parameters"], fresh.memory["parameters"])
+    body.start_here()
+    assert np.array_equal(body.memory["parameters"], fresh.memory["parameters"])
+    assert np.array_equal(body.memory["posture"], fresh.memory["posture"])

@@ -1,0 +1,161 @@
+"""Runs a compound task: torques of whole-body control, and an impedance about where they lead (Radford et al. 2015, §5.2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from daemon.controllers.base import Array, Gains, MotionController
+from daemon.references import HermitePath, LinePath, PathClock
+from daemon.robot_state import RobotState
+from daemon.wbc.composition import CompoundTask
+from daemon.wbc.hierarchy import WholeBody
+from daemon.wbc.impedance import ImpedanceOutput
+from daemon.wbc.model import WholeBodyModel
+from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leash, Reference, StreamedPose
+from daemon.wbc.tasks import SE3, CartPos, QuaternionOrientation
+from hal.joint import JointCommand, Mode
+from handrail import messages as m
+from handrail.robot.kinematics import Kinematics
+
+PATIENCE = 0.05
+"""s for which constraints may exclude each other before the action ends"""
+REACH, TURN = 0.10, 0.5
+"""m, rad: a task pulls no harder than at this distance from its reference"""
+_IMPEDANCE = int(Mode.IMPEDANCE)
+
+
+class WholeBodyControl(MotionController):
+    """τ, q, q̇ of a compound task's solution at the state measured now, K and D a share of the robot's own; all joints.
+
+    References that nobody gave are where the joints were commanded to be; one clock moves them all, and slows them down. While
+    constraints exclude each other the solution is the one that breaks them least; after `PATIENCE` s of that the action ends.
+    """
+
+    name = "whole_body"
+
+    def __init__(self, motion: m.WholeBody, compound: CompoundTask, model: WholeBodyModel, gains: Gains, period: float):
+        """`model`: of the robot as it is about now; takes long (several ms, and once seconds, since it loads compiled code).
+
+        Raises daemon.wbc.parameters.WbcError.
+        """
+        n = len(model.joints)
+        super().__init__(np.arange(n), gains)
+        self._motion, self._period = motion, period
+        self._compound, self._model = compound, model
+        self.body: WholeBody = compound.on(model)
+        self.body.warm_up()
+        self.clock = PathClock(motion.duration or _longest(motion.references), period)
+        self._output = ImpedanceOutput(n, period)
+        self._set_points = np.zeros((5, n))
+        self._set_points[3], self._set_points[4] = motion.stiffness * gains.stiffness, motion.damping * gains.damping
+        self._references: list[Reference] = []
+        self._leashes: dict[str, Leash] = {}
+        self._streams: dict[str, StreamedPose] = {}
+        tasks = [task for level in compound.levels for task in level]
+        self._by_frame = {task.frame: task for task in tasks if isinstance(task, CartPos | SE3)}
+        self._unsolved = 0
+
+    @property
+    def failure(self) -> str:
+        """Which constraint blocks the others, once they have excluded each other for too long."""
+        return self.body.result.why if self._unsolved * self._period > PATIENCE else ""
+
+    def activate(self, robot: RobotState, last: JointCommand) -> None:
+        # From what is commanded, not measured: what the robot leans on now, it goes on leaning on.
+        self._model.place(last.position, np.zeros(len(last.position)))
+        self.body.start_here()
+        self._references = [self._reference(reference, robot, last) for reference in self._motion.references]
+        self._leashes = {
+            task.title: Leash(self.body[task.title], REACH, TURN)
+            for level in self._compound.levels
+            for task in level
+            if isinstance(task, CartPos | QuaternionOrientation | SE3)
+        }
+        self._output.start(last.position, last.velocity)
+
+    def update(self, robot: RobotState, out: JointCommand) -> None:
+        self.clock.advance()
+        for leash in self._leashes.values():
+            leash.give()
+        for reference in self._references:
+            reference.advance()
+        for leash in self._leashes.values():
+            leash.take()
+        position, velocity, model = robot.joints.position, robot.joints.velocity, self._model
+        model.place(position, velocity)
+        result = self.body.solve()
+        self._unsolved = 0 if result.solved else self._unsolved + 1
+        output = self._output
+        output.advance(result.acceleration[model.rows], position, velocity)
+        table = self._set_points
+        table[0], table[1], table[2] = output.position, output.velocity, result.torque[model.rows]
+        out.table[:] = table
+        out.mode[:] = _IMPEDANCE
+
+    def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
+        stream = self._streams.get(task)
+        return stream is not None and stream.receive(position, orientation, velocity)
+
+    def lag(self, robot: RobotState, frame: str) -> Array:
+        """Of a frame that a task brings somewhere, that task's reference minus where it is measured."""
+        task = self._by_frame.get(frame)
+        if task is None:
+            return super().lag(robot, frame)
+        return self._model.frame(task.relative_to).rotation @ self._leashes[task.title].off
+
+    def _reference(self, reference: m.Reference, robot: RobotState, last: JointCommand) -> Reference:
+        handle = self.body[reference.task]
+        match reference:
+            case m.FrameLine():
+                position, rotation = (part.copy() for part in handle.reference)
+                path = LinePath(rotation, position, _placement(reference.goal), reference.duration)
+                return FrameTrajectory(handle, path, self._period, self.clock)
+            case m.PostureKnots():
+                joints = robot.kinematics.description.index(tuple(reference.joints))
+                knots = np.tile(last.position, (len(reference.times), 1))
+                speeds = np.zeros_like(knots)
+                knots[:, joints], speeds[:, joints] = reference.positions, reference.velocities
+                through = HermitePath(np.array(reference.times), knots, speeds)
+                return JointTrajectory(handle, through, len(last.position), self._period, self.clock)
+            case m.PoseStream():
+                stream = StreamedPose(
+                    handle,
+                    self._period,
+                    stale=reference.stale,
+                    speed=reference.speed,
+                    turn=reference.turn,
+                    clock=self.clock,
+                )
+                self._streams[reference.task] = stream
+                return stream
+        fixed = StreamedPose(handle, self._period, speed=reference.speed, turn=reference.turn, clock=self.clock)
+        goal = _placement(reference.pose)
+        fixed.receive(goal.translation, goal.rotation)
+        return fixed
+
+
+def made_from(text: bytes, kinematics: Kinematics, gains: Gains, period: float, position: Array) -> WholeBodyControl:
+    """A controller from what the server has checked and sent: a WholeBody in MessagePack whose compound is one JSON object.
+
+    `position` (n,) rad: about where the robot is.
+    """
+    motion = msgspec.msgpack.decode(text, type=m.WholeBody)
+    compound = msgspec.json.decode(motion.compound, type=CompoundTask)
+    model = WholeBodyModel.of(kinematics)
+    model.place(position, np.zeros(len(position)))
+    return WholeBodyControl(motion, compound, model, gains, period)
+
+
+def _longest(references: Sequence[m.Reference]) -> float:
+    """s that the longest trajectory among them takes, infinite where there is none."""
+    lengths = [reference.duration for reference in references if isinstance(reference, m.FrameLine)]
+    lengths += [reference.times[-1] for reference in references if isinstance(reference, m.PostureKnots)]
+    return max(lengths, default=float("inf"))
+
+
+def _placement(pose: m.Pose) -> pin.SE3:
+    return pin.SE3(pin.Quaternion(np.array(pose.orientation)).normalized().matrix(), np.array(pose.position))

@@ -1,0 +1,92 @@
+"""Compound tasks in the daemon's loop, on TALOS' upper body in the plant; everything in the test's own process."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon import exchange
+from daemon.controllers.whole_body import WholeBodyControl
+from daemon.exchange import Answer, Kind
+from daemon.whole_body_door import WholeBodyDoor
+from hal.plant.scene import EMPTY, Scene
+from handrail.messages import EndCondition, StartAction, StreamPose, WholeBody
+from handrail.robot import description as robots
+from handrail.robot.description import RobotDescription
+from tests.daemon.compliant.conftest import InPlant
+
+
+class WholeBodyBench(InPlant):
+    """Gives the loop what the server would: checked, prepared, started."""
+
+    def __init__(self, folder: Path, description: RobotDescription, scene: Scene, door: WholeBodyDoor):
+        super().__init__(folder, description, scene)
+        self.door = door
+        self.started = 0
+
+    def begin(self, motion: WholeBody, ends: tuple[EndCondition, ...] = ()) -> Answer:
+        """Check, prepare and start a motion; in lock-step the start waits until it is prepared."""
+        call = StartAction(id="a", owner="o", motion=motion, ends=list(ends))
+        checked = self.door.checked(call, self.loop.robot.joints.position, 1 << 18)
+        prepared = self._count()
+        self._mailbox.post(*exchange.encode_prepare(checked, prepared))
+        self.run()
+        self.started = self._count()
+        self._mailbox.post(*exchange.encode_start(call, self.started, 1, self._joints, self._frames, prepared))
+        return Answer(int(self.run()["answer"]))
+
+    def stream(self, task: str, **pose: tuple[float, ...]) -> None:
+        """Put a streamed reference into the mailbox."""
+        message = StreamPose(id="a", task=task, **pose)  # type: ignore[arg-type]
+        self._mailbox.post(*exchange.encode_stream(message, self._count(), self.started))
+
+    @property
+    def control(self) -> WholeBodyControl:
+        """The controller that runs."""
+        return next(c for c in self.loop.manager.active if isinstance(c, WholeBodyControl))
+
+    def torque(self) -> np.ndarray:
+        """N·m (n,) that the drives make of what was written last, at the state that it was written for."""
+        written, state = self.loop.written, self.loop.robot.joints
+        spring = written.stiffness * (written.position - state.position)
+        return written.torque + spring + written.damping * (written.velocity - state.velocity)
+
+    def cancel(self) -> Answer:
+        return self.ask(Kind.CANCEL, action=self.started)
+
+    def _count(self) -> int:
+        self._serial += 1
+        return self._serial
+
+
+@pytest.fixture(scope="session")
+def talos() -> RobotDescription:
+    return robots.load("talos_upper")
+
+
+@pytest.fixture(scope="session")
+def door(talos: RobotDescription) -> WholeBodyDoor:
+    made = WholeBodyDoor(talos)
+    assert made.open(120.0)
+    return made
+
+
+@pytest.fixture
+def in_plant(talos: RobotDescription, door: WholeBodyDoor) -> Iterator[Callable[..., WholeBodyBench]]:
+    made: list[tuple[WholeBodyBench, Path]] = []
+
+    def make(scene: Scene = EMPTY) -> WholeBodyBench:
+        folder = Path(tempfile.mkdtemp(prefix="hr", dir="/dev/shm"))
+        made.append((WholeBodyBench(folder, talos, scene, door), folder))
+        made[-1][0].enable()
+        return made[-1][0]
+
+    yield make
+    for bench, folder in made:
+        bench.loop.close()
+        shutil.rmtree(folder)

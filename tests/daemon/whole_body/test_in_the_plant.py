@@ -1,0 +1,180 @@
+"""Whole-body control in the daemon's loop, judged by what TALOS' upper body does in the plant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from daemon.exchange import ActionState, Answer, Kind, Outcome
+from handrail.messages import FrameLine, Pose, PoseErrorEnd, PoseStream, PostureKnots, TimeEnd, WholeBody
+from tests.daemon.compliant.conftest import TIP, wall_before
+
+PERIOD = 0.002
+HAND_OVER_POSTURE = """
+constraints:
+  - {constraint: JointLimits}
+levels:
+  - - {task: SE3, name: hand, frame: tool_right_tip, stiffness: 200}
+  - - {task: JPos, name: posture, stiffness: 50}
+"""
+
+
+def pose(placement: pin.SE3) -> Pose:
+    x, y, z, w = pin.Quaternion(placement.rotation).coeffs().tolist()
+    px, py, pz = placement.translation.tolist()
+    return Pose(position=(px, py, pz), orientation=(x, y, z, w))
+
+
+def test_a_posture_that_swings_hardly_moves_the_hand_that_is_held_above_it(in_plant) -> None:
+    """A lower task disturbs a higher one by less than 3 mm and 0.6°, though the arm moves by more than 0.2 rad."""
+    bench = in_plant()
+    torso = "torso_1_joint"
+    row = int(bench.description.index((torso,))[0])
+    home = bench.loop.written.position.copy()
+    times = np.arange(0.0, 2.01, 0.1)
+    swing, slope = 0.2 * np.sin(np.pi * times) ** 2, 0.2 * np.pi * np.sin(2 * np.pi * times)
+    knots = PostureKnots(
+        task="posture", joints=[torso], times=times.tolist(), positions=(home[row] + swing)[:, None].tolist(),
+        velocities=slope[:, None].tolist(),
+    )  # fmt: skip
+    start = bench.tip()
+    assert bench.begin(WholeBody(compound=HAND_OVER_POSTURE, references=[knots])) is Answer.ACCEPTED
+    furthest = angle = moved = 0.0
+
+    def look() -> None:
+        nonlocal furthest, angle, moved
+        off = start.actInv(bench.tip())
+        furthest = max(furthest, float(np.linalg.norm(off.translation)))
+        angle = max(angle, float(np.linalg.norm(pin.log3(off.rotation))))
+        moved = max(moved, float(np.abs(bench.world.position - home).max()))
+
+    assert bench.run_to_end(each=look) is Outcome.DONE, "with its longest trajectory"
+    assert moved > 0.2
+    assert furthest < 3e-3
+    assert angle < np.radians(0.6)
+    assert bench.snapshot()["limited"] == 0
+
+
+def test_a_streamed_hand_is_followed_while_posture_and_limits_hold_and_stands_when_the_stream_stops(in_plant) -> None:
+    bench = in_plant()
+    start = bench.tip()
+    stream = PoseStream(task="hand", stale=0.1)
+    assert bench.begin(WholeBody(compound=HAND_OVER_POSTURE, references=[stream])) is Answer.ACCEPTED
+    lower, upper = bench.description.lower - 1e-3, bench.description.upper + 1e-3
+    cycle, off = 0, [0.0]
+
+    def goal(t: float) -> np.ndarray:
+        return start.translation + np.array([0.0, 0.06 * np.sin(3.0 * t), 0.04 * (1.0 - np.cos(3.0 * t))])
+
+    def send() -> None:
+        nonlocal cycle
+        cycle += 1
+        off.append(float(np.linalg.norm(bench.tip().translation - goal(cycle * PERIOD))))
+        assert (bench.world.position >= lower).all()
+        assert (bench.world.position <= upper).all()
+        if cycle % 10 == 0:  # 50 Hz
+            t = cycle * PERIOD
+            velocity = (0.0, 0.18 * np.cos(3.0 * t), 0.12 * np.sin(3.0 * t), 0.0, 0.0, 0.0)
+            bench.stream("hand", position=tuple(goal(t)), velocity=velocity)
+
+    bench.run(800, send)
+    assert max(off) < 10e-3, "m behind what is streamed"
+    bench.run(200)
+    stood = bench.tip().translation
+    assert bench.action()[0] is ActionState.RUNNING
+    bench.run(100)
+    assert np.linalg.norm(bench.tip().translation - stood) < 2e-3
+    assert np.linalg.norm(stood - goal(1.6)) < 0.1 * 0.22 + 8e-3, "it went on for 0.1 s, and no longer"
+    assert np.linalg.norm(pin.log3(start.rotation.T @ bench.tip().rotation)) < np.radians(2.0)
+    assert bench.cancel() is Answer.ACCEPTED
+    assert bench.run_to_end() is Outcome.CANCELLED
+
+
+def test_a_contact_is_pushed_as_told_while_the_posture_moves(in_plant) -> None:
+    here = in_plant().tip()
+    bench = in_plant(wall_before(here, gap=0.0, friction=0.8))
+    compound = """
+constraints:
+  - {constraint: PointContact, frame: tool_right_tip, point: [0, 0, -0.03], name: wall, friction: 0.5, stiffness: 100}
+  - {constraint: JointLimits}
+levels:
+  - - {task: Wrench, name: push, frame: tool_right_tip, force: [0, 0, -12]}
+  - - {task: JPos, name: posture, stiffness: 50}
+"""
+    home = bench.loop.written.position
+    elbow = "arm_right_3_joint"
+    row = int(bench.description.index((elbow,))[0])
+    times = np.arange(0.0, 2.41, 0.1)
+    swing = 0.3 * np.sin(np.pi * times / 2.4) ** 2
+    slope = 0.3 * np.pi / 2.4 * np.sin(2 * np.pi * times / 2.4)
+    knots = PostureKnots(
+        task="posture", joints=[elbow], times=times.tolist(), positions=(home[row] + swing)[:, None].tolist(),
+        velocities=slope[:, None].tolist(),
+    )  # fmt: skip
+    motion = WholeBody(compound=compound, references=[knots], stiffness=0.2, damping=0.2)  # soft, for a force
+    assert bench.begin(motion) is Answer.ACCEPTED
+    bench.run(300)
+    forces, places = [], []
+
+    def look() -> None:
+        forces.append(bench.world.contact_force["wall"])
+        places.append(bench.tip().act(np.array([0.0, 0.0, -0.03])))
+
+    before = bench.world.position.copy()
+    bench.run(700, look)
+    assert np.mean(forces) == pytest.approx(12.0, abs=3.0), "N"
+    assert min(forces) > 3.0, "it never lets go"
+    assert np.linalg.norm(np.ptp(places, axis=0)) < 0.01, "nor slips"
+    assert np.abs(bench.world.position - before).max() > 0.03, "though the arm moves"
+
+
+def test_constraints_that_exclude_each_other_end_the_action_and_the_one_that_blocks_is_named(in_plant) -> None:
+    bench = in_plant()
+    height = bench.tip().translation[2] + 0.3
+    compound = f"""
+constraints:
+  - {{constraint: PointContact, frame: tool_right_tip, name: wall, friction: 0.5}}
+  - {{constraint: KeepOut, name: ceiling, body: {{frame: tool_right_tip}}, plane: {{point: [0, 0, {height}]}}}}
+levels:
+  - - {{task: JPos, name: posture}}
+"""
+    before = bench.tip().translation
+    assert bench.begin(WholeBody(compound=compound)) is Answer.ACCEPTED
+    assert bench.run_to_end(cycles=100) is Outcome.INFEASIBLE
+    said = bytes(bench.snapshot()["actions"][0]["detail"]).decode()
+    assert "ceiling" in said, said
+    bench.run(300)
+    assert np.linalg.norm(bench.tip().translation - before) < 0.05, "and it holds"
+
+
+def test_a_guard_trips_on_what_a_task_is_behind_its_reference(in_plant) -> None:
+    bench = in_plant()
+    motion = WholeBody(compound=HAND_OVER_POSTURE)
+    assert bench.begin(motion, (TimeEnd(after=9.0), PoseErrorEnd(frame=TIP, position=0.02))) is Answer.ACCEPTED
+    bench.run(100)
+    assert bench.action()[0] is ActionState.RUNNING
+    bench.push((0.0, 20.0, 0.0))
+    assert bench.run_to_end() is Outcome.CONDITION
+    row = bench.snapshot()["actions"][0]
+    assert (row["condition"], row["cycle"]) == (1, bench.snapshot()["cycle"])
+    assert 0.02 < row["value"] < 0.025
+
+
+def test_pausing_stops_every_reference_and_resuming_goes_on(in_plant) -> None:
+    bench = in_plant()
+    start = bench.tip()
+    goal = pin.SE3(start.rotation, start.translation + np.array([0.0, 0.1, 0.05]))
+    line = FrameLine(task="hand", goal=pose(goal), duration=1.0)
+    assert bench.begin(WholeBody(compound=HAND_OVER_POSTURE, references=[line], duration=1.3)) is Answer.ACCEPTED
+    bench.run(250)
+    assert bench.ask(Kind.PAUSE, action=bench.started) is Answer.ACCEPTED
+    bench.run(300)
+    assert bench.action()[0] is ActionState.PAUSED
+    stood = bench.tip().translation
+    bench.run(100)
+    assert np.linalg.norm(bench.tip().translation - stood) < 1e-3
+    assert np.linalg.norm(stood - goal.translation) > 0.02
+    assert bench.ask(Kind.RESUME, action=bench.started) is Answer.ACCEPTED
+    assert bench.run_to_end() is Outcome.DONE
+    assert bench.tip().translation == pytest.approx(goal.translation, abs=3e-3)

@@ -7,10 +7,12 @@ import numpy as np
 from daemon.controllers.base import Gains
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.exchange import TrajectoryMotion
+from daemon.observer import SENSOR_AGE
 from daemon.outer_integral import OuterIntegral
 from daemon.robot_state import RobotState
 from daemon.safety.limits import Limits, enforce
 from daemon.safety.rules import followed
+from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
 from handrail.robot.description import IntegralGains
 from handrail.robot.kinematics import Kinematics
@@ -20,9 +22,12 @@ def warm_up(kinematics: Kinematics) -> None:
     """Compile all that the cycle ever calls, before the bus is joined: in mid-motion it would hold the robot up for a second."""
     n = len(kinematics.description.joints)
     limits, state, command = Limits.of(kinematics.description), JointState(n), JointCommand(n)
-    robot = RobotState(kinematics, state, limits.period)
+    devices = DeviceState(len(kinematics.description.devices))
+    robot = RobotState(kinematics, state, limits.period, devices)
     robot.update(command)
-    robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
+    for age in (SENSOR_AGE + 1, 0):  # by the joints, and by the sensors where there are some
+        devices.age[:] = age
+        robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     for integral in (None, OuterIntegral(IntegralGains(*np.zeros((4, n))), limits.period)):
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)

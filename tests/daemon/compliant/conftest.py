@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from daemon.exchange import ActionState, Outcome
-from daemon.loop import warm_up
+from daemon.warm_up import warm_up
 from hal.drives.protocol import LimbProtocol
 from hal.plant.bullet import pybullet as p
 from hal.plant.bus_node import BusNode

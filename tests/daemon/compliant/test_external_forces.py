@@ -7,8 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from daemon import observer
+from daemon.warm_up import warm_up
 from handrail.messages import ContactEnd
 from handrail.robot import description as robots
+from handrail.robot.kinematics import Kinematics
 from tests.daemon.compliant.conftest import TIP
 
 NEVER = (ContactEnd(frame=TIP, threshold=900.0),)
@@ -30,6 +33,14 @@ def test_an_arm_that_moves_freely_feels_nothing_and_a_push_what_it_is(in_plant, 
     assert robot.loop.robot.wrenches[TIP][:3] == pytest.approx([10.0, -6.0, 3.0], abs=pushed)
     assert np.abs(robot.loop.robot.wrenches[TIP][3:]).max() < 0.4, "N·m: it is a force at the tip, and no moment"
     robot.push((0.0, 0.0, 0.0))
+
+
+def test_what_feels_is_compiled_before_the_loop_starts(monkeypatch, talos) -> None:
+    called = []
+    for name in ("_follow", "_follow_sensor", "_least_squares"):
+        monkeypatch.setattr(observer, name, lambda *_, name=name: called.append(name))
+    warm_up(Kinematics(talos))
+    assert set(called) == {"_follow", "_follow_sensor", "_least_squares"}
 
 
 def test_a_sensor_that_falls_silent_leaves_it_to_the_joints(in_plant) -> None:

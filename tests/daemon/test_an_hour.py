@@ -1,0 +1,67 @@
+"""An hour of the robot's time in lock-step: nothing faults, every cycle is accounted for, memory stays flat (`make soak`)."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from pathlib import Path
+
+import pytest
+
+from hal.hil.nursery import Process
+from handrail import messages as m
+
+LENGTH_S = float(os.environ.get("HANDRAIL_SOAK_S", "3600"))
+"""s of the robot's time"""
+WARM = 0.1
+"""share of it after which memory has come to what it needs"""
+GROWTH_MB = 4.0
+MOVES = (("arm_right_4_joint", 0.4), ("arm_left_2_joint", 0.3), ("torso_1_joint", 0.2), ("head_2_joint", 0.3))
+MOVE_S = 3.0
+
+
+def resident_mb(process: Process) -> float:
+    """What a process holds in memory."""
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(4 * LENGTH_S + 600)
+def test_an_hour_in_lock_step_goes_by_without_a_fault_a_lost_cycle_or_growing_memory(robot, handrail_rig) -> None:
+    daemon, plant = robot.daemon, robot.plant
+    period_ns, processes = robot.description.period_ns, [handrail_rig.plant_process, *daemon.processes()]
+    daemon.call(m.GetTiming(reset=True))
+    plant.look(anew=True)
+    plant.wait(0.1)
+    before = plant.time_ns
+    first: m.LoopTiming = daemon.call(m.GetTiming())
+    after = plant.time_ns
+    end, warm = before + LENGTH_S * 1e9, before + WARM * LENGTH_S * 1e9
+    memory: dict[str, list[float]] = {process.name: [] for process in processes}
+    moves = 0
+    for sign in itertools.cycle((1.0, -1.0)):
+        for joint, by in MOVES:
+            assert robot.move(joint, sign * by, MOVE_S) == "done"
+            moves += 1
+        if (now := plant.time_ns) > warm:
+            for process in processes:
+                memory[process.name].append(resident_mb(process))
+        if now > end:
+            break
+    status = daemon.wait_status(lambda status: status.enabled, "still enabled")
+    assert {drive.state for drive in status.drives} == {"operation_enabled"}
+    assert plant.look().transitions == [], "no drive has left operation since it was enabled"
+    earliest = plant.time_ns - after
+    last: m.LoopTiming = daemon.call(m.GetTiming())
+    latest = plant.time_ns - before
+    assert (last.misses, sum(last.late.counts)) == (0, 0), "in lock-step no cycle is late, and none is skipped"
+    cycles = last.cycles - first.cycles
+    assert earliest // period_ns - 1 <= cycles <= latest // period_ns + 1
+    assert sum(last.work.counts) == last.cycles
+    for name, seen in memory.items():
+        assert max(seen) - seen[0] < GROWTH_MB, f"{name}: {seen[0]:.1f} MB, then up to {max(seen):.1f} MB"
+    told = ", ".join(f"{name} {seen[0]:.1f} to {seen[-1]:.1f} MB" for name, seen in memory.items())
+    print(
+        f"{cycles} cycles, {moves} motions; {told}; work p99 {last.work.p99_us:.0f} µs, longest {last.work.max_us:.0f}"
+    )

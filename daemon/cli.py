@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -12,6 +13,7 @@ import msgspec
 import numpy as np
 import typer
 
+from handrail.keepalive import Keepalive
 from handrail.messages import (
     DaemonStatus,
     GetHardware,
@@ -106,6 +108,29 @@ def explain(
         print(*_explained(told), sep="\n")
     if any(rule.holds for rule in told.rules):
         sys.exit(1)
+
+
+@safety.command()
+def keepalive(
+    owner: Annotated[str, typer.Argument(help="Whose actions it binds, as in StartAction.owner.")],
+    timeout: Annotated[float, typer.Option(min=0.1, max=60.0, help="s that the daemon waits for an answer.")] = 1.0,
+    runtime: Annotated[Path | None, RUNTIME] = None,
+) -> None:
+    """Keep an owner alive while this runs; when it is killed, hangs or loses the robot, that holds, settles, and is damped.
+
+    Ctrl-C lets the robot go: it is no longer bound.
+    """
+    try:
+        place = Runtime.at(runtime, make=False)
+        place.robot_up()
+        with closing(Caller(place.endpoint("daemon.call"), timeout_s=timeout)) as caller:
+            with Keepalive(caller.call, owner, timeout) as kept, contextlib.suppress(KeyboardInterrupt):
+                print(f"{owner} is kept alive: Ctrl-C lets the robot go", flush=True)
+                kept.wait()
+            if kept.lost:
+                sys.exit(f"handrail safety keepalive: {kept.lost}")
+    except (OSError, ValueError, RefusedError) as error:
+        sys.exit(f"handrail safety keepalive: {error}")
 
 
 @safety.command()

@@ -8,6 +8,7 @@ from daemon.actions import ActionTable, Refusal
 from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome, Rule
 from daemon.manager import ControllerManager
+from daemon.safety.keepalive import Keepalives, Stage
 from daemon.safety.ledger import Ledger
 from daemon.safety.rules import isolated_with
 from hal.hardware import Goal, Hardware
@@ -42,6 +43,7 @@ class Life:
         self.stop_reason = ""
         self._isolated = False
         self.ledger = Ledger()
+        self.keepalives = Keepalives()
 
     @property
     def enabled(self) -> bool:
@@ -113,9 +115,11 @@ class Life:
         self.stopped, self.stop_reason = False, ""
         self.ledger.release(Rule.OPERATOR_STOP)
 
-    def update(self, last: JointCommand) -> None:
+    def update(self, last: JointCommand, time_ns: int) -> None:
         """Follow the drives: finish enabling, or isolate the limb of one that is lost. `last`: the command as last written."""
         hardware = self._hardware
+        if self.keepalives.bound:
+            self._watch_keepalives(time_ns)
         if self._manager.enabled:
             if (stranger := hardware.first_stranger()) >= 0 and not hardware.isolated[stranger]:
                 self.ledger.trip(Rule.PROTOCOL, stranger, holds=True)
@@ -139,8 +143,39 @@ class Life:
             elif hardware.operational:
                 self._manager.enable()
                 self.ledger.release(Rule.NO_COMMAND, Rule.PROTOCOL, Rule.DRIVE_FAULT)
+                self._release_keepalive()
                 self._devices.enable()
                 self._enabling_for = -1
+
+    def keep_alive(self, owner: int, time_ns: int) -> Refusal | None:
+        """`owner` has answered his keepalive."""
+        if not self.keepalives.hear(owner, time_ns):
+            return Refusal(Answer.KEEPALIVE_LOST)
+        self._release_keepalive()
+        return None
+
+    def bind_keepalive(self, owner: int, timeout: float, time_ns: int) -> Refusal | None:
+        """`owner` must answer every `timeout` s; 0: he need not any more."""
+        if timeout > 0.0:
+            self.keepalives.bind(owner, round(timeout * 1e9), time_ns)
+        elif not self.keepalives.release(owner):
+            return Refusal(Answer.KEEPALIVE_LOST)
+        self._release_keepalive()
+        return None
+
+    def _release_keepalive(self) -> None:
+        if self._manager.enabled and not self.keepalives.any_silent:
+            self.ledger.release(Rule.KEEPALIVE)
+
+    def _watch_keepalives(self, time_ns: int) -> None:
+        fastest = float(np.abs(self._hardware.state.velocity).max())
+        for owner, stage, silent in self.keepalives.update(time_ns, fastest):
+            if stage is Stage.HOLD:
+                limit = self.keepalives.bound[owner].timeout_ns * 1e-9
+                self.ledger.trip(Rule.KEEPALIVE, value=silent, limit=limit, holds=True)
+                self._actions.lose_owner(owner)
+            elif stage is Stage.DAMPING and self._manager.enabled:
+                self._fall_to(Goal.QUICK_STOP, Outcome.OWNER_LOST)
 
     def quick_stop(self, joint: int) -> None:
         """Something that must not happen has: there is no command for `joint` that could be written."""

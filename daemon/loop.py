@@ -123,7 +123,7 @@ class Loop:
         self.robot.update(self.written)
         self.controllers.collect(self.time_ns)
         self.orders.serve(self.written, self.time_ns)
-        self.life.update(self.written)
+        self.life.update(self.written, self.time_ns)
         self.devices.update()
         self.robot.estimate_forces(self.actions.force_frames())
         self.after_end(self.actions.check(self.written))

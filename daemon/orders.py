@@ -68,6 +68,8 @@ class Orders:
                     return Refusal(Answer.STOP_LATCHED)
                 if not life.enabled:
                     return Refusal(Answer.NOT_ENABLED)
+                if life.keepalives.silent(command.owner):
+                    return Refusal(Answer.KEEPALIVE_LOST)
                 if isinstance(command.motion, PreparedMotion):
                     controller = self._maker.take(command.motion.prepared)
                     if controller is None:
@@ -105,6 +107,10 @@ class Orders:
             case Kind.LOSE_OWNER:
                 actions.lose_owner(command.owner)
                 self._holds.release(command.owner)
+            case Kind.BIND_KEEPALIVE:
+                return life.bind_keepalive(command.owner, command.value, time_ns)
+            case Kind.KEEP_ALIVE:
+                return life.keep_alive(command.owner, time_ns)
             case Kind.HOLD_TIME:
                 return None if self._holds.add(command.owner, command.value) else Refusal(Answer.TOO_MANY)
             case Kind.RELEASE_TIME:

@@ -19,6 +19,7 @@ import zmq
 
 from daemon import exchange
 from daemon.bus_watch import BusWatch
+from daemon.challenges import Challenges
 from daemon.controller_desk import ControllerDesk
 from daemon.device_reports import other_columns
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
@@ -84,6 +85,7 @@ class Server:
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
+        self._challenges = Challenges()
         self._leases = Leases(description, runtime.folder / "leases.json")
         # Counts on across restarts of this server: the loop must never see a serial twice.
         self._serial = time.monotonic_ns()
@@ -115,6 +117,10 @@ class Server:
             m.CheckIn: lambda call: self._owners.check_in(call.owner, time.monotonic()),
             m.TakeLease: self._take_lease,
             m.ReturnLease: lambda call: self._leases.give_back(call.owner, call.part, call.epoch),
+            m.BindKeepalive: self._bind_keepalive,
+            m.GetChallenge: lambda call: m.Challenge(challenge=self._challenges.issue(call.owner)),
+            m.KeepAlive: self._keep_alive,
+            m.ReleaseKeepalive: self._release_keepalive,
             m.HoldTime: self._hold_time,
             m.ReleaseTime: self._release_time,
             m.StartAction: self._start,
@@ -331,6 +337,19 @@ class Server:
         moved = [joint for entry in named for joint in entry.joints]
         self._leases.check(call.owner, moved, call.lease, call.sequence)
         self._ask_about_controllers(self._desk.switch, call)
+
+    def _bind_keepalive(self, call: m.BindKeepalive) -> m.Challenge:
+        self._ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=call.timeout_s)
+        return m.Challenge(challenge=self._challenges.issue(call.owner))
+
+    def _keep_alive(self, call: m.KeepAlive) -> m.Challenge:
+        self._challenges.check(call.owner, call.answer)
+        self._ask(Kind.KEEP_ALIVE, owner=self._owners.number(call.owner))
+        return m.Challenge(challenge=self._challenges.issue(call.owner))
+
+    def _release_keepalive(self, call: m.ReleaseKeepalive) -> None:
+        self._ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=0.0)
+        self._challenges.forget(call.owner)
 
     def _take_lease(self, call: m.TakeLease) -> m.Lease:
         lease, ended = self._leases.take(call.owner, call.part, call.take_over)

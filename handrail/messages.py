@@ -650,6 +650,46 @@ class ReturnLease(Message):
     epoch: int
 
 
+@_travels(priority=1, remote=True)
+class BindKeepalive(Message):
+    """From now on `owner` must answer challenges (KeepAlive) within `timeout_s`, at best at a third of it; or the robot holds what
+    he commands, settles, and is damped to a stop (docs/safety.md). Bound anew, the timeout is another one.
+    """
+
+    owner: Name
+    timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)]
+    """s of the robot's clock"""
+
+
+class Challenge(Message):
+    """Answer to BindKeepalive, GetChallenge and KeepAlive: what the next KeepAlive answers."""
+
+    challenge: str
+
+
+@_travels(priority=1, remote=True)
+class GetChallenge(Message):
+    """A new challenge for one who has lost his, as by a restart of the daemon's server. It keeps nothing alive."""
+
+    owner: Name
+
+
+@_travels(priority=1, remote=True)
+class KeepAlive(Message):
+    """I am there. Refused, and not counted, where the answer is wrong; final where the robot was damped meanwhile."""
+
+    owner: Name
+    answer: Annotated[str, Meta(max_length=200)]
+    """handrail.keepalive.answer of the last challenge"""
+
+
+@_travels(priority=1, remote=True)
+class ReleaseKeepalive(Message):
+    """`owner` need not answer any more."""
+
+    owner: Name
+
+
 @_travels(priority=1)
 class HoldTime(Message):
     """Lock-step only: hold simulated time for `owner`, at most `limit_s` of wall time. Under the wall clock nothing happens."""
@@ -1011,6 +1051,7 @@ GetTiming.Reply = LoopTiming
 GetHardware.Reply = HardwareStatus
 GetSafety.Reply = SafetyReport
 TakeLease.Reply = Lease
+BindKeepalive.Reply = GetChallenge.Reply = KeepAlive.Reply = Challenge
 GetControllers.Reply = ControllerList
 
 DaemonCall = (
@@ -1030,6 +1071,10 @@ DaemonCall = (
     | ClearStop
     | CheckIn
     | TakeLease
+    | BindKeepalive
+    | GetChallenge
+    | KeepAlive
+    | ReleaseKeepalive
     | ReturnLease
     | HoldTime
     | ReleaseTime
@@ -1380,6 +1425,7 @@ Answer = (
     | HardwareStatus
     | SafetyReport
     | Lease
+    | Challenge
     | ControllerList
     | InstanceState
     | Instances

@@ -119,6 +119,10 @@ class Kind(enum.IntEnum):
     """`controllers[1]` is forgotten"""
     BEHAVIOUR = 20
     """as START, with several steps in the payload"""
+    BIND_KEEPALIVE = 21
+    """`owner` must be heard every `value` s of the robot's clock from now on; 0: he need not any more"""
+    KEEP_ALIVE = 22
+    """`owner` was heard"""
 
 
 class Answer(enum.IntEnum):
@@ -154,6 +158,8 @@ class Answer(enum.IntEnum):
     """a controller raised an exception when it should take over"""
     ROSTER_CHANGED = 18
     """other controllers are loaded than the caller knew of"""
+    KEEPALIVE_LOST = 20
+    """the owner is bound by a keepalive, and has not answered it in time (or, of a keepalive, it binds nobody)"""
     ISOLATED = 19
     """the limb of `answer_joint` is out of the robot, since one of its drives failed"""
     NOT_READY = 20
@@ -165,29 +171,31 @@ class Rule(enum.IntEnum):
     """The safety rules, the strongest first: rows of the snapshot's `safety`. daemon.safety.table says them for people."""
 
     OPERATOR_STOP = 0
-    NO_COMMAND = 1
+    KEEPALIVE = 1
+    """an owner who must answer every `limit` s had been silent for `value` s"""
+    NO_COMMAND = 2
     """no set-point of `joint` could be written, not even to hold it"""
-    PROTOCOL = 2
+    PROTOCOL = 3
     """the drive of `joint` speaks another version of its protocol"""
-    DRIVE_FAULT = 3
+    DRIVE_FAULT = 4
     """the drive of `joint` left operation enabled, or is silent"""
-    NOT_FINITE = 4
+    NOT_FINITE = 5
     """a controller's set-point of `joint` was no finite number"""
-    HELD_BACK = 5
+    HELD_BACK = 6
     """the limits held `joint` back by `value` rad"""
-    STALE = 6
+    STALE = 7
     """the state of `joint` was `value` cycles old"""
-    DIVERGED = 7
+    DIVERGED = 8
     """`joint` was `value` rad from its command"""
-    OWNER_LOST = 8
-    EXPIRED = 9
+    OWNER_LOST = 9
+    EXPIRED = 10
     """a command came `value` s after it expired"""
-    POSITION = 10
+    POSITION = 11
     """these cut set-points, and nothing else: `value` was asked for, `limit` allowed"""
-    VELOCITY = 11
-    TORQUE = 12
-    TORQUE_RATE = 13
-    GAIN = 14
+    VELOCITY = 12
+    TORQUE = 13
+    TORQUE_RATE = 14
+    GAIN = 15
 
 
 CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion", "whole_body")

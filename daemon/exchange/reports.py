@@ -188,6 +188,12 @@ def explain(
             joint,
             "a drive without fault",
         ),
+        Answer.KEEPALIVE_LOST: (
+            "the owner's keepalive was not answered in time, or there is none: answer it, or bind it anew",
+            "owner",
+            "",
+            "one who answers in time",
+        ),
         Answer.ISOLATED: (
             f"the limb of {joint} is out of the robot, since a drive of it failed{problem and ': '}{problem}; remove the cause, "
             f"then Enable (`handrail safety explain`)",

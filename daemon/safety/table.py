@@ -27,6 +27,14 @@ TABLE: dict[Rule, Words] = {
         "`handrail stop --clear`, then enable",
         "",
     ),
+    Rule.KEEPALIVE: Words(
+        "an owner who is bound by a keepalive (`BindKeepalive`, `handrail safety keepalive`) has not answered for the timeout that "
+        "he named; wrong answers don't count",
+        "hold: his actions slow down to a stand and end, and he can start none. Settle: once the robot stands (or after 1 s) it is "
+        "held for 2 s. Damping: then every drive quick-stops, and the keepalive has ended",
+        "until damping, a good answer; then enable, and bind it anew",
+        "silent for {value:.2f} s; allowed {limit:g}",
+    ),
     Rule.NO_COMMAND: Words(
         "not even holding gives a set-point that is a finite number",
         "every drive quick-stops; all actions end",

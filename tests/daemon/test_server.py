@@ -28,6 +28,7 @@ from hal.can.hub import Hub
 from hal.can.port import HubPort
 from hal.drives.lifecycle import State, statusword
 from handrail import messages as m
+from handrail.keepalive import answer
 from handrail.robot import description as robots
 from handrail.robot.description import Device, RobotDescription
 from handrail.runtime import Runtime
@@ -545,6 +546,20 @@ def test_a_part_that_somebody_has_taken_is_commanded_by_him_alone_until_another_
     rig.call(rig.action("a2", owner="other", lease=arm.epoch, sequence=1))
     rig.call(m.ReturnLease(owner="other", part="arm_right", epoch=arm.epoch))
     assert rig.call(m.GetStatus()).leases == []
+
+
+def test_a_keepalive_reaches_the_loop_only_by_the_right_answers(rig: Rig) -> None:
+    loop = rig.start_loop()
+    bound = rig.call(m.BindKeepalive(owner="test", timeout_s=0.5))
+    assert loop.wait_for(Kind.BIND_KEEPALIVE).value == 0.5
+    assert rig.refusal(m.KeepAlive(owner="test", answer=bound.challenge)).field == "answer"
+    assert not [command for command in loop.commands if command.kind is Kind.KEEP_ALIVE]
+    told = rig.call(m.KeepAlive(owner="test", answer=answer(bound.challenge, "test")))
+    assert loop.wait_for(Kind.KEEP_ALIVE).owner == loop.wait_for(Kind.BIND_KEEPALIVE).owner
+    assert rig.refusal(m.KeepAlive(owner="test", answer=answer(bound.challenge, "test"))).field == "answer"
+    rig.call(m.KeepAlive(owner="test", answer=answer(told.challenge, "test")))
+    rig.call(m.ReleaseKeepalive(owner="test"))
+    assert [command.value for command in loop.commands if command.kind is Kind.BIND_KEEPALIVE] == [0.5, 0.0]
 
 
 def test_whoever_holds_a_part_and_falls_silent_loses_it(rig: Rig) -> None:

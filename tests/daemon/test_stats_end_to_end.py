@@ -75,7 +75,8 @@ def test_the_commands_tell_of_the_running_robot_and_name_what_is_wrong(robot, ha
 
 
 @pytest.mark.parametrize(
-    ("app", "words"), [(cli.daemon, ["stats"]), (cli.hardware, ["status"]), (cli.safety, ["explain"])]
+    ("app", "words"),
+    [(cli.daemon, ["stats"]), (cli.hardware, ["status"]), (cli.safety, ["explain"]), (cli.safety, ["keepalive", "me"])],
 )
 def test_the_commands_say_in_a_line_that_no_robot_is_up_and_what_to_do(tmp_path, app, words):
     nobody = CliRunner().invoke(app, [*words, "--runtime", str(tmp_path)])

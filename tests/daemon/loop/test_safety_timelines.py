@@ -61,6 +61,22 @@ def operator_stop(bench: Any) -> None:
     bench.enable()
 
 
+def keepalive(bench: Any) -> None:
+    from daemon.exchange import Kind
+
+    bench.ask(Kind.BIND_KEEPALIVE, owner=7, value=0.1)
+    bench.start(bench.move(JOINT, 0.3, 3.0), owner=7)
+    bench.run(75)
+    assert tripped(bench, Rule.KEEPALIVE)["holds"]
+    bench.run(200)
+    assert bench.action() == (ActionState.ENDED, Outcome.OWNER_LOST)
+    held(bench)
+    bench.run(1500)
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
+    bench.enable()
+    assert not tripped(bench, Rule.KEEPALIVE)["holds"]
+
+
 def no_command(bench: Any) -> None:
     hold = bench.loop.manager.active[0]
     hold.update = lambda robot, out: out.position.__setitem__(hold.joints, np.nan)
@@ -247,6 +263,7 @@ def too_stiff(bench: Any, out: Any, row: int) -> None:
 
 TIMELINES: dict[Rule, Callable[[Any], None]] = {
     Rule.OPERATOR_STOP: operator_stop,
+    Rule.KEEPALIVE: keepalive,
     Rule.NO_COMMAND: no_command,
     Rule.PROTOCOL: protocol,
     Rule.DRIVE_FAULT: drive_fault,

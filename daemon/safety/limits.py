@@ -159,6 +159,8 @@ def _enforce(out, wanted, previous, measured, limits, dt):  # type: ignore[no-un
             stiffness, damping = 0.0, 0.0
         # What the drive makes of these but for the feed-forward torque.
         spring = stiffness * (position - qm[j]) + damping * (velocity - vm[j])
+        if not math.isfinite(spring):
+            return -1, 0, j
         low, high = max(before - step, -tmax), min(before + step, tmax)
         kept = torque
         if kept + spring > max(high, -tmax):

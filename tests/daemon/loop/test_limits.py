@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.safety.limits import Cut, Limits, effective_torque
@@ -80,7 +80,8 @@ ANYTHING = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-3.0, 3.0)
     measured=st.lists(ANYTHING | st.floats(-1.0, 1.0), min_size=4, max_size=4),
     cycles=st.integers(1, 3),
 )
-@settings(max_examples=300, deadline=None)
+@example(wanted=[0.0] * 9 + [2.0], modes=[0, 0], measured=[0.0, 0.0, 0.0, 9e307], cycles=1)  # its spring overflows
+@settings(max_examples=150, deadline=None, derandomize=True)
 def test_whatever_is_asked_and_measured_no_limit_is_passed(
     wanted: list[float], modes: list[int], measured: list[float], cycles: int
 ) -> None:

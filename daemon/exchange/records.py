@@ -46,6 +46,7 @@ class ActionState(enum.IntEnum):
     ENDED = 3
 
 
+@enum.unique
 class Outcome(enum.IntEnum):
     """Why an action ended. The lower-case name is ActionEvent.outcome, but for CONDITION: there the end condition's tag is."""
 
@@ -86,6 +87,7 @@ class ControllerState(enum.IntEnum):
     """updated in every cycle"""
 
 
+@enum.unique
 class Kind(enum.IntEnum):
     """What a command asks for. Stop and ClearStop don't come this way: they go to the stop socket, which is read first."""
 
@@ -125,6 +127,7 @@ class Kind(enum.IntEnum):
     """`owner` was heard"""
 
 
+@enum.unique
 class Answer(enum.IntEnum):
     """The loop's word on a command. `explain` says it for people."""
 
@@ -158,7 +161,7 @@ class Answer(enum.IntEnum):
     """a controller raised an exception when it should take over"""
     ROSTER_CHANGED = 18
     """other controllers are loaded than the caller knew of"""
-    KEEPALIVE_LOST = 20
+    KEEPALIVE_LOST = 22
     """the owner is bound by a keepalive, and has not answered it in time (or, of a keepalive, it binds nobody)"""
     ISOLATED = 19
     """the limb of `answer_joint` is out of the robot, since one of its drives failed"""
@@ -167,6 +170,7 @@ class Answer(enum.IntEnum):
     NO_SUCH_REFERENCE = 21
 
 
+@enum.unique
 class Rule(enum.IntEnum):
     """The safety rules, the strongest first: rows of the snapshot's `safety`. daemon.safety.table says them for people."""
 

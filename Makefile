@@ -22,7 +22,7 @@ test: $(WARM)   ## lint, types, floors and every test (under 15 minutes on 2 cor
 ifeq ($(strip $(ARGS)),)
 	$(BIN)/mypy & types=$$!; $(BIN)/python -m pytest -m "not soak and not stack" -n 2 --dist loadfile; \
 	  tests=$$?; wait $$types && exit $$tests
-	$(BIN)/python -m pytest -m "stack and not soak"
+	$(BIN)/python -m pytest -m "stack and not soak" -n 2 --dist worksteal tests/hil/test_campaign.py tests/stack
 else
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -m "not soak" $(ARGS)

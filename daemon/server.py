@@ -5,16 +5,15 @@ It sleeps until a call comes or the loop rings its doorbell; it may be killed an
 
 from __future__ import annotations
 
+import argparse
 import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
-import typer
 import zmq
 
 from daemon import exchange
@@ -449,20 +448,19 @@ def robot_info(description: RobotDescription) -> m.RobotInfo:
     )
 
 
-def main(
-    robot: Annotated[str, typer.Option(help="Name or folder of the robot.")],
-    clock: Annotated[str, typer.Option(help="wall or lockstep, as the loop's.")] = "wall",
-    runtime: Annotated[Path | None, typer.Option(help="The robot's runtime folder.")] = None,
-) -> None:
-    """The daemon's server. Prints `server ready` when it can serve; SIGTERM ends it."""
-    if clock not in ("wall", "lockstep"):
-        raise typer.BadParameter(f"got {clock!r}; expected wall or lockstep", param_hint="--clock")
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until SIGTERM; prints `server ready` when it can. Returns 2 when the robot's files are no good."""
+    parser = argparse.ArgumentParser(prog="python -m daemon.server", description="The process beside the loop.")
+    parser.add_argument("--robot", required=True, help="name of a robot, or its folder")
+    parser.add_argument("--clock", choices=("wall", "lockstep"), default="wall", help="as the loop's")
+    parser.add_argument("--runtime", help="folder in which the robot's processes meet")
+    given = parser.parse_args(arguments)
     try:
-        description, place = robots.load(robot), Runtime.at(runtime)
+        description, place = robots.load(given.robot), Runtime.at(given.runtime)
         columns = other_columns(description)
     except ValueError as error:
-        typer.echo(f"daemon.server: {error}", err=True)
-        raise typer.Exit(2) from error
+        print(f"daemon.server: {error}", file=sys.stderr)
+        return 2
     ending = False
 
     def end(_signal: int, _frame: object) -> None:
@@ -471,7 +469,7 @@ def main(
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
-    server = Server(description, place, "lockstep" if clock == "lockstep" else "wall", columns=columns)
+    server = Server(description, place, given.clock, columns=columns)
     try:
         server.take_over()
         print("server ready", flush=True)
@@ -479,7 +477,8 @@ def main(
             server.step()
     finally:
         server.close()
+    return 0
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    sys.exit(main())

@@ -52,6 +52,9 @@ _MOST_STEPS_AT_ONCE = 50
 _BUS_TURN_NS = 200_000
 """wall clock, a bus with bit timing: frames that have ended reach the others so often; waking for each would cost half a core"""
 
+_warm: set[tuple[str, ...]] = set()
+"""robots and kinds of objects that `warm_up` has had"""
+
 
 class _WallBusClock:
     """The bus's clock between two steps on the wall clock: simulated time, which goes on with the wall for one step."""
@@ -195,7 +198,12 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
 
 
 def warm_up(description: RobotDescription, objects: Scene) -> None:
-    """Compile and allocate all that a step ever needs, in a world of its own, before time counts."""
+    """Compile and allocate all that a step ever needs, in a world of its own, before time counts: once in a process, and not again
+    in one that was forked from it."""
+    what = (str(description.urdf), *sorted(type(thing).__name__ for thing in objects.objects.values()))
+    if what in _warm:
+        return
+    _warm.add(what)
     warm = World(description, objects)
     warm.drives.control(np.zeros(len(description.joints), np.uint8))
     warm.drives.command(JointCommand(len(description.joints)))

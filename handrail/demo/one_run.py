@@ -255,7 +255,7 @@ def pictures(scene: Path, truths: Mapping[Path, GroundTruth], children: Children
             where = ["--robot", ROBOT, "--scene", str(scene), "--state", str(state), "--out", str(out)]
             painters.append(children.start(out.stem, [sys.executable, "-m", "hal.plant.picture", *where]))
         for painter in painters:
-            if status := painter.process.wait(60):
+            if status := painter.process.wait(240):
                 raise ChildDied(f"no picture {painter.name}: status {status}\n{painter.last_words()}")
 
 

@@ -11,15 +11,16 @@ second. Nothing here keeps state that matters: daemon, engine and gate may each 
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import logging
 import signal
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-import typer
 import zmq
 import zmq.asyncio
 from zmq.auth.asyncio import AsyncioAuthenticator
@@ -279,21 +280,6 @@ def _user(frame: zmq.Frame) -> str:
         return "unknown"
 
 
-def gate(
-    runtime: Annotated[Path | None, typer.Option(help="Folder where the robot's processes meet.")] = None,
-    port: Annotated[int, typer.Option(help="TCP port for calls; events go out on the next one.")] = 47800,
-    bind: Annotated[str, typer.Option(help="Address to listen on; '*' for every interface.")] = "127.0.0.1",
-    keys_folder: Annotated[Path | None, typer.Option("--keys", help="Folder of keys (default: this user's).")] = None,
-) -> None:
-    """The robot's door to the outside: authenticated calls in, events out."""
-    logging.basicConfig(level=logging.INFO, format="link: %(message)s")
-    try:
-        asyncio.run(_main(Runtime.at(runtime), keys.for_gate(keys_folder), bind, port))
-    except (keys.KeysError, PortTaken, ValueError) as problem:
-        typer.echo(f"link: {problem}", err=True)
-        raise typer.Exit(1) from problem
-
-
 async def _main(runtime: Runtime, gate_keys: keys.GateKeys, bind: str, port: int) -> None:
     until, ready = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -309,10 +295,24 @@ async def _main(runtime: Runtime, gate_keys: keys.GateKeys, bind: str, port: int
         await serving
 
 
-def main() -> None:
-    """Entry point of ``python -m handrail.link.gate``."""
-    typer.run(gate)
+def main(arguments: list[str] | None = None) -> int:
+    """The robot's door to the outside: authenticated calls in, events out. Returns 1 when it can't be opened."""
+    parser = argparse.ArgumentParser(
+        prog="python -m handrail.link.gate", description="The robot's door to the outside."
+    )
+    parser.add_argument("--runtime", help="folder where the robot's processes meet")
+    parser.add_argument("--port", type=int, default=47800, help="TCP port for calls; events go out on the next one")
+    parser.add_argument("--bind", default="127.0.0.1", help="address to listen on; '*' for every interface")
+    parser.add_argument("--keys", type=Path, help="folder of keys (default: this user's)")
+    given = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.INFO, format="link: %(message)s")
+    try:
+        asyncio.run(_main(Runtime.at(given.runtime), keys.for_gate(given.keys), given.bind, given.port))
+    except (keys.KeysError, PortTaken, ValueError) as problem:
+        print(f"link: {problem}", file=sys.stderr)
+        return 1
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

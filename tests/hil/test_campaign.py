@@ -200,9 +200,9 @@ def run_campaign(folder: Path, runs: int, timeout_s: float) -> list[dict]:
 
 
 @pytest.mark.stack
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)
 def test_twenty_runs_end_in_success_or_in_the_safe_state(tmp_path):
-    rows = run_campaign(tmp_path, 20, 290)
+    rows = run_campaign(tmp_path, 20, 880)
     assert len(rows) == 20
     assert {row["case"]["kind"] for row in rows} == set(KINDS)
     outcomes = [row["verdict"]["outcome"] for row in rows]

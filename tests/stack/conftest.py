@@ -21,7 +21,7 @@ import pytest
 import handrail
 from handrail import messages
 from handrail.runtime import Runtime, memory_folder
-from handrail.topics import Subscriber
+from handrail.topics import Caller, Subscriber
 
 
 def free_port() -> int:
@@ -66,7 +66,7 @@ class Stack:
         with self._heard:
             self._heard.notify_all()
 
-    def wait_output(self, wanted: Callable[[str], bool], what: str, timeout_s: float = 90.0) -> None:
+    def wait_output(self, wanted: Callable[[str], bool], what: str, timeout_s: float = 150.0) -> None:
         deadline = time.monotonic() + timeout_s
         with self._heard:
             while not any(wanted(line) for line in self.output):
@@ -79,7 +79,7 @@ class Stack:
         self.wait_output(lambda line: "All up" in line, "everything up")
 
     def connect(self) -> handrail.client.Client:
-        return handrail.connect(f"tcp://127.0.0.1:{self.port}")
+        return handrail.connect(f"tcp://127.0.0.1:{self.port}", timeout_s=60.0)
 
     def child(self, module: str) -> psutil.Process:
         """The child process that runs a module."""
@@ -98,6 +98,17 @@ class Stack:
     def truth(self) -> Truth:
         return Truth(self.runtime)
 
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Simulated time stands meanwhile: in lock-step the robot does not wait for a test that starts a process."""
+        caller = Caller(self.runtime.endpoint("daemon.call"), timeout_s=20.0)
+        caller.call(messages.HoldTime(owner="test", limit_s=120.0))
+        try:
+            yield
+        finally:
+            caller.call(messages.ReleaseTime(owner="test"))
+            caller.close()
+
     def close(self) -> None:
         self.process.send_signal(signal.SIGTERM)
         try:
@@ -114,14 +125,14 @@ class Truth:
     def __init__(self, runtime: Runtime):
         self._subscriber = Subscriber(runtime.endpoint("plant.truth"), messages.GroundTruth)
 
-    def now(self, timeout_s: float = 20.0) -> messages.GroundTruth:
+    def now(self, timeout_s: float = 60.0) -> messages.GroundTruth:
         """A sample that was taken after this call."""
         list(self._subscriber.drain())
         sample = self._subscriber.receive(timeout_s)
         assert sample is not None, "the plant says nothing"
         return sample
 
-    def until(self, wanted: Callable[[messages.GroundTruth], bool], what: str, timeout_s: float = 120.0):
+    def until(self, wanted: Callable[[messages.GroundTruth], bool], what: str, timeout_s: float = 200.0):
         """The first sample that satisfies `wanted`."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
@@ -136,24 +147,37 @@ class Truth:
         return self.until(lambda sample: sample.time_ns >= start + seconds * 1e9, f"{seconds} s of the plant's time")
 
 
+@contextlib.contextmanager
+def stacks() -> Iterator[Callable[..., Stack]]:
+    """Starts `handrail up`; all that was started is ended, and nothing is left of it."""
+    with contextlib.ExitStack() as started:
+
+        def start(**options) -> Stack:
+            folder = Path(tempfile.mkdtemp(prefix="hr", dir=memory_folder()))
+            started.callback(shutil.rmtree, folder, ignore_errors=True)
+            stack = Stack(folder, **options)
+            started.callback(stack.close)
+            return stack
+
+        yield start
+
+
 @pytest.fixture
 def start_stack() -> Iterator[Callable[..., Stack]]:
-    """Starts `handrail up` and waits until all that it starts is ready."""
-    stacks: list[Stack] = []
-    folders: list[Path] = []
+    """Starts `handrail up` for one test."""
+    with stacks() as start:
+        yield start
 
-    def start(**options) -> Stack:
-        folder = Path(tempfile.mkdtemp(prefix="hr", dir=memory_folder()))
-        folders.append(folder)
-        stack = Stack(folder, **options)
-        stacks.append(stack)
-        return stack
 
-    yield start
-    for stack in stacks:
-        stack.close()
-    for folder in folders:
-        shutil.rmtree(folder, ignore_errors=True)
+@pytest.fixture(scope="module")
+def calm_stack() -> Iterator[Stack]:
+    """A stack whose robot is enabled and holds, for all tests that leave it so; `robot` is a client of it."""
+    with stacks() as start:
+        stack = start()
+        stack.wait_up()
+        stack.robot = stack.connect()
+        stack.robot.enable(60.0)
+        yield stack
 
 
 @pytest.fixture
@@ -165,7 +189,7 @@ def running_stack(start_stack) -> Callable[..., Stack]:
         stack.wait_up()
         robot = stack.connect()
         stack.robot = robot
-        robot.enable()
+        robot.enable(60.0)
         robot.place_instance("wheel_1", "wheel", messages.Pose(position=(0.55, -0.35, 0.30)))
         robot.on(messages.Prompt, lambda prompt: robot.answer(prompt.id, prompt.options[0]))
         ended: list[messages.RunState] = []

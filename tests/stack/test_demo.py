@@ -28,27 +28,32 @@ def demo(folder, *arguments: str, timeout_s: float, **environment: str) -> tuple
     return done.returncode, rows, done.stdout + done.stderr
 
 
-@pytest.mark.timeout(400)
-def test_the_valve_turns_in_lock_step(tmp_path):
-    status, rows, text = demo(tmp_path, "--seeds", "1", timeout_s=380)
+@pytest.mark.timeout(600)
+def test_the_valve_turns_in_lock_step_and_leaves_a_recording_pictures_and_a_plot(tmp_path):
+    status, rows, text = demo(tmp_path, "--timeout", "500", timeout_s=580)
     assert status == 0, text
-    assert [row["seed"] for row in rows] == [0]
-    for row in rows:
-        assert row["success"], text
-        assert row["turned_deg"] >= 270
-        assert row["peak_force_n"] <= 100
-        assert row["misses"] == 0
-        assert row["real_time_factor"] > 0
-    assert (tmp_path / "out" / "seeds.png").exists()
+    (row,) = rows
+    assert row["seed"] == 0
+    assert row["success"], text
+    assert row["turned_deg"] >= 270
+    assert row["peak_force_n"] <= 100
+    assert row["misses"] == 0
+    assert row["real_time_factor"] > 0
+    left_behind(tmp_path / "out")
 
 
+@pytest.mark.soak
 @pytest.mark.timeout(300)
-def test_the_valve_turns_on_the_wall_clock_and_leaves_a_recording_pictures_and_a_plot(tmp_path):
+def test_the_valve_turns_on_the_wall_clock(tmp_path):
     status, rows, text = demo(tmp_path, "--seed", "3", "--clock", "wall", timeout_s=280)
     assert status == 0, text
     assert rows[0]["turned_deg"] >= 270
     assert isinstance(rows[0]["misses"], int)
-    out = tmp_path / "out"
+    left_behind(tmp_path / "out")
+
+
+def left_behind(out):
+    """Pictures that show something, and a recording that any reader of MCAP opens."""
     for picture in ("before.png", "after.png", "tracking.png"):
         with Image.open(out / picture) as image:
             assert len(image.convert("RGB").getcolors(1 << 24)) > 20, f"{picture} shows something"

@@ -72,19 +72,16 @@ def test_an_axis_is_the_spring_that_it_was_told_and_the_others_stay_stiff(in_pla
     robot.start(compliant(robot, 4.0, Compliance(axis="y", stiffness=200.0, damping=60.0, speed=0.5)))
     robot.run(30)
     track = Track(robot)
-    robot.push((0.0, 8.0, 0.0))
+    robot.push((0.0, 8.0, 8.0))
     robot.run(450, track)
     assert track.place[-1, 1] == pytest.approx(8.0 / 200.0, rel=0.1), "m"
-    robot.push((0.0, 0.0, 8.0))
-    robot.run(450, track)
-    assert abs(track.place[-1, 1]) < 0.006, "m: it has come back"
     assert track.place[-1, 2] == pytest.approx(8.0 / 600.0, rel=0.35), "m: the motion's own stiffness"
     robot.push((0.0, 0.0, 0.0))
 
 
 def test_a_damper_goes_as_fast_as_it_is_pushed_but_no_faster_than_it_may_and_no_farther(in_plant) -> None:
     robot = in_plant()
-    guided = Compliance(axis="z", damping=200.0, speed=0.06, reach=0.05)
+    guided = Compliance(axis="z", damping=200.0, speed=0.06, reach=0.03)
     robot.start(compliant(robot, 4.0, guided))
     track = Track(robot)
     robot.push((0.0, 0.0, 6.0))
@@ -93,10 +90,10 @@ def test_a_damper_goes_as_fast_as_it_is_pushed_but_no_faster_than_it_may_and_no_
     assert speeds[150:].mean() == pytest.approx(6.0 / 200.0, rel=0.15), "m/s"
     robot.push((0.0, 0.0, -16.0))
     track = Track(robot)
-    robot.run(600, track)
+    robot.run(450, track)
     speeds = np.diff(track.place[:, 2]) / 0.002
     assert speeds[150:300].mean() == pytest.approx(-0.06, rel=0.15), "m/s: no faster than that"
-    assert robot.loop.actions.slots[0].controller.offset[2] == -0.05, "m: no farther than that from the path"
+    assert robot.loop.actions.slots[0].controller.offset[2] == -0.03, "m: no farther than that from the path"
     robot.push((0.0, 0.0, 0.0))
 
 

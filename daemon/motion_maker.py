@@ -29,6 +29,7 @@ class MotionMaker:
     def __init__(self, kinematics: Kinematics, gains: Gains, period: float, lockstep: bool):
         self._kinematics, self._gains, self._period, self._lockstep = kinematics, gains, period, lockstep
         self._orders: dict[int, _Order] = {}
+        self._at_work = _thread.allocate_lock()
 
     def begin(self, serial: int, text: bytes, position: NDArray[np.float64]) -> Answer:
         """Begin to make what a checked and encoded motion asks for; `position` (n,) rad: about where the robot is."""
@@ -57,9 +58,11 @@ class MotionMaker:
 
     def _fill(self, order: _Order, text: bytes, position: NDArray[np.float64]) -> None:
         try:
-            from daemon.controllers.whole_body import made_from  # a second, and 20 MB: not before somebody needs it
+            # One at a time: msgspec crashes where two threads make the decoder of one type, and numba compiles everything twice.
+            with self._at_work:
+                from daemon.controllers.whole_body import made_from  # a second, and 20 MB: not before somebody needs it
 
-            order.made = made_from(text, self._kinematics, self._gains, self._period, position)
+                order.made = made_from(text, self._kinematics, self._gains, self._period, position)
         except Exception:  # noqa: BLE001 - whatever it is: it is told, and the motion does not start
             traceback.print_exc(file=sys.stderr)
         finally:

@@ -81,6 +81,8 @@ class Server:
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
         self._whole_body = WholeBodyDoor(description)
+        self._making: tuple[tuple[m.WholeBody | None, int], int] = (None, 0), 0
+        """what the loop is making, in which life of the loop, and the serial under which it was asked for"""
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
@@ -369,11 +371,18 @@ class Server:
             if time.monotonic() > gives_up:
                 raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
         motion = self._whole_body.checked(call, snapshot["position"], self._mailbox.floats)
-        serial = self._count()
-        answer = self._post(*exchange.encode_prepare(motion, serial))
+        making, serial = self._making
+        if making == (motion, self._generation):  # asked for before: its caller was told to call again
+            answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=serial))
+        else:
+            serial = self._count()
+            answer = self._post(*exchange.encode_prepare(motion, serial))
+            self._making = (motion, self._generation), serial
         while answer is not None and answer[0] == exchange.Answer.NOT_READY and time.monotonic() < gives_up:
             self._doorbell.wait(_PREPARE_PERIOD_S)
             answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=serial))
+        if answer is None or answer[0] != exchange.Answer.NOT_READY:
+            self._making = (None, 0), 0
         self._require_accepted(answer)
         return serial
 

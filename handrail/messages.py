@@ -875,6 +875,10 @@ class CompliantMotion(msgspec.Struct, tag="compliant_motion", kw_only=True, forb
     """N/m, N·m/rad, about the path, displaced by compliance and dither"""
 
 
+NOT_READY = "not ready"
+"""the refused value of a StartAction whose controller is still being made: call again"""
+
+
 class FixedPose(msgspec.Struct, tag="fixed", kw_only=True, forbid_unknown_fields=True):
     """A task's frame is brought to `pose` and stays there: gone to at `speed` and `turn` at most, not jumped to."""
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Flag, Outcome
-from handrail.messages import ActionEvent, EndCondition, RobotState
+from handrail.messages import NOT_READY, ActionEvent, EndCondition, RobotState
 from handrail.robot.description import RobotDescription
 
 _NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
@@ -220,7 +220,7 @@ def explain(
             "the controller is still being made: the first one of an installation is compiled, which takes a minute or two "
             "(`make setup` does it ahead); call again",
             "motion",
-            "not ready",
+            NOT_READY,
             "a controller that is ready",
         ),
         Answer.NO_SUCH_REFERENCE: (

@@ -13,9 +13,11 @@ from typing import Any
 from hal.hil.nursery import Nursery, Process
 from handrail import messages as m
 from handrail.runtime import Runtime
-from handrail.topics import Caller, Subscriber, Unreachable
+from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 
 OWNER = "test"
+_ANSWER_S, _MAKING_S = 20.0, 300.0
+"""s of wall time: for an answer, on a busy machine; until a motion's controller is made, where nothing was compiled yet"""
 _CHECK_IN_S = 0.3
 _EVENTS_KEPT = 50_000
 
@@ -129,10 +131,17 @@ class Daemon:
         return self.wait_status(lambda status: status.enabled and not status.isolated, "enabled")
 
     def start(self, motion: m.Motion, *ends: m.EndCondition) -> str:
-        """Start an action of the test's; its id."""
+        """Start an action of the test's; its id. The first whole-body motion may take a while to be made."""
         action = f"{OWNER}-{uuid.uuid4().hex[:8]}"
-        self.call(m.StartAction(id=action, owner=OWNER, motion=motion, ends=list(ends)))
-        return action
+        gives_up = time.monotonic() + _MAKING_S
+        while True:
+            try:
+                self.call(m.StartAction(id=action, owner=OWNER, motion=motion, ends=list(ends)), _ANSWER_S)
+            except RefusedError as error:
+                if error.refusal.value != m.NOT_READY or time.monotonic() > gives_up:
+                    raise
+            else:
+                return action
 
     def ended(self, action: str, wait_s: float = 0.0) -> m.ActionEvent | None:
         """How an action ended, if it has."""

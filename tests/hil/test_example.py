@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "test_my_controller.py"
+WHOLE_BODY = EXAMPLE.with_name("test_whole_body.py")
 
 FAILING = """
 import pytest
@@ -42,7 +43,7 @@ def test_the_example_is_a_controller_and_its_test_in_thirty_lines():
 
 
 @pytest.mark.timeout(300)
-def test_the_example_passes_and_a_failing_test_leaves_captures_and_a_recording(tmp_path):
+def test_the_examples_pass_and_a_failing_test_leaves_captures_and_a_recording(tmp_path):
     (tmp_path / "test_failing.py").write_text(FAILING.replace("FOLDER", str(tmp_path)))
     pose = "pose_in_world: {position: [1, 0, 0]}"
     (tmp_path / "scene.yaml").write_text(f"objects:\n  wall:\n    kind: box\n    {pose}\n    size: [1, -2, 1]\n")
@@ -51,14 +52,14 @@ def test_the_example_passes_and_a_failing_test_leaves_captures_and_a_recording(t
     done = subprocess.run(
         [
             *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "/dev/null"),
-            *("--basetemp", str(tmp_path / "base"), str(EXAMPLE), str(tmp_path / "test_failing.py")),
+            *("--basetemp", str(tmp_path / "base"), str(EXAMPLE), str(WHOLE_BODY), str(tmp_path / "test_failing.py")),
         ],
         capture_output=True,
         text=True,
         timeout=290,
         check=False,
     )
-    assert "1 passed" in done.stdout, done.stdout
+    assert "2 passed" in done.stdout, done.stdout
     assert "1 failed" in done.stdout
     assert "robo; expected robot, scene, clock" in done.stdout
     for words in (

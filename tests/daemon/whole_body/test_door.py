@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from daemon import exchange
+from daemon.controllers import whole_body
 from daemon.exchange import Answer, Kind, PreparedMotion
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.tasks import SE3
@@ -149,7 +150,32 @@ def test_nothing_starts_that_was_not_prepared_and_nothing_is_streamed_to_what_ta
     assert Answer(int(bench.run()["answer"])) is Answer.NO_SUCH_ACTION
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_controllers_that_are_asked_for_at_once_are_made_one_after_the_other(
+    in_plant, door, talos, monkeypatch
+) -> None:
+    bench = in_plant()
+    motion = door.checked(call(), talos.home_position(), 1 << 18)
+    made_from, inside, most = whole_body.made_from, [0], [0]
+
+    def watched(*arguments) -> whole_body.WholeBodyControl:
+        inside[0] += 1
+        most[0] = max(most[0], inside[0])
+        try:
+            return made_from(*arguments)
+        finally:
+            inside[0] -= 1
+
+    monkeypatch.setattr(whole_body, "made_from", watched)
+    serials = [bench._count() for _ in range(4)]
+    for serial in serials:
+        bench._mailbox.post(*exchange.encode_prepare(motion, serial))
+        bench.run()
+    header, payload = exchange.encode_start(call(), bench._count(), 1, bench._joints, bench._frames, serials[-1])
+    bench._mailbox.post(header, payload)
+    assert Answer(int(bench.run()["answer"])) is Answer.ACCEPTED
+    assert most == [1]
+
+
 def test_what_can_not_be_made_is_refused_and_the_loop_goes_on(in_plant) -> None:
     bench = in_plant()
     serial = bench._count()

@@ -66,7 +66,8 @@ class Stack:
         with self._heard:
             self._heard.notify_all()
 
-    def wait_output(self, wanted: Callable[[str], bool], what: str, timeout_s: float = 150.0) -> None:
+    def wait_output(self, wanted: Callable[[str], bool], what: str, timeout_s: float = 300.0) -> None:
+        """Wait for a line of the service's. The first start after kernels have changed compiles them."""
         deadline = time.monotonic() + timeout_s
         with self._heard:
             while not any(wanted(line) for line in self.output):

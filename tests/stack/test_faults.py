@@ -13,7 +13,7 @@ from handrail import messages
 from handrail.messages import ActionEvent, DaemonStatus, RunState
 from handrail.topics import Caller, RefusedError, Subscriber
 
-pytestmark = [pytest.mark.stack, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.stack, pytest.mark.timeout(700)]
 
 WATCHDOG = int(DriveError.WATCHDOG)
 

@@ -223,7 +223,10 @@ class _Cache(caching._Cache):
         self._implementation.locator.ensure_cache_path()
         key = (sig, data.codegen.magic_tuple())
         file = self._file(key)
-        body = dumps((key, self._implementation.reduce(data)))
+        try:
+            body = dumps((key, self._implementation.reduce(data)))
+        except RuntimeError:
+            return  # a signal's handler that raised while LLVM handed its code over: it runs, but cannot be stored
         whole = Path(f"{file}.{uuid.uuid4().hex[:16]}")  # never half of it under the name that others read
         whole.write_bytes(hashlib.sha256(body).digest() + body)
         whole.replace(file)

@@ -44,8 +44,9 @@ from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, clear_stop, leave, stop_now
 from handrail.topics import Publisher, RefusedError, Service, refuse
 
-_ANSWER_TIMEOUT_S = 1.0
-"""how long a call waits for the loop's word; the loop looks into its mailbox in every cycle"""
+_ANSWER_TIMEOUT_S = 3.0
+"""how long a call waits for the loop's word: it looks into its mailbox every cycle, and cycles in lock-step are long where the
+machine is busy. With the preparation's less than callers wait (handrail.topics.Caller)."""
 _PREPARE_TIMEOUT_S, _PREPARE_PERIOD_S = 1.5, 0.01
 """for how long, and how often, the server asks whether a controller that takes long to make is there"""
 _STOP_TIMEOUT_S = 0.3

@@ -229,12 +229,12 @@ def test_a_channel_whose_cable_is_cut_carries_nothing_not_even_for_newcomers(on:
 def test_a_delay_ends_by_itself_on_the_wall_clock(on: Bench, make_frames: Make) -> None:
     on.hub._clock = time.time_ns
     sender, listener = on.join("sender"), on.join("listener")
-    on.hub.add_fault(Fault(kind="delay", delay=0.03))
+    on.hub.add_fault(Fault(kind="delay", delay=0.3))
     sender.send(make_frames([0x100]))
     begun = time.perf_counter()
     assert _ids(on.hub.poll(0.01)) == []
-    assert _ids(on.hub.poll(5.0)) == [0x100]
-    assert 0.02 < time.perf_counter() - begun < 10.0
+    assert _ids(on.hub.poll(30.0)) == [0x100]
+    assert 0.29 < time.perf_counter() - begun < 30.0
     assert _ids(listener.receive(1.0)) == [0x100]
 
 

@@ -117,12 +117,12 @@ def test_on_the_wall_clock_the_hub_wakes_up_when_a_frame_ends(bench: Benches, fo
     begun = time.perf_counter()
     sender.send(batch)
     heard = 0
-    while heard < 50 and time.perf_counter() - begun < 5.0:
+    while heard < 50 and time.perf_counter() - begun < 30.0:
         heard += len(on.hub.poll(1.0))
     took = time.perf_counter() - begun
     needed = sum(_cost(batch)) * 1e-9
     assert heard == 50 and took >= needed
-    assert took < needed + 5.0  # a machine with much else to do is late, but not for ever
+    assert took < needed + 30.0  # a machine with much else to do is late, but not for ever
     assert len(listener.receive(1.0)) == 50
 
 

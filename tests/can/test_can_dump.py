@@ -101,7 +101,7 @@ def test_dump_prints_decodes_and_logs_and_ends_after_its_count(running: Path, tm
     n = protocol.encode_status(state, np.zeros(18, np.uint8), np.ones(18, np.bool_), out)
     with _dump(running, "--decode", "--log", str(tmp_path / "bus.blf"), "--count", "36") as process:
         _send_until(port, out[:n], process)
-        printed, said = process.communicate(timeout=5)
+        printed, said = process.communicate(timeout=30)
     assert process.returncode == 0 and said.startswith("36 frames in ")
     lines = printed.splitlines()
     assert len(lines) == 36
@@ -123,7 +123,7 @@ def test_an_interrupted_dump_leaves_a_whole_log(running: Path, tmp_path: Path, m
             port.send(make_frames([0x10, 0x11]))
             port.send(make_frames([0x12], bus=1))
         process.send_signal(signal.SIGINT)
-        printed, said = process.communicate(timeout=5)
+        printed, said = process.communicate(timeout=30)
     assert process.returncode == 0
     shown = len(printed.splitlines())
     assert said.startswith(f"{shown} frames in ")
@@ -139,7 +139,7 @@ def test_dump_says_when_the_bus_ends(folder: Path, hub_process: subprocess.Popen
         while not select.select([process.stdout], [], [], 0.05)[0]:
             port.send(make_frames([0x10]))
         hub_process.terminate()
-        _, said = process.communicate(timeout=5)
+        _, said = process.communicate(timeout=30)
     assert process.returncode == 1 and "the bus has ended" in said
     port.close()
 

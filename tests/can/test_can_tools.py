@@ -17,6 +17,7 @@ from pathlib import Path
 
 import can
 import numpy as np
+import psutil
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -51,8 +52,8 @@ def run(running: Path) -> Iterator[Callable[..., Result]]:
 
 
 def _take(port: HubPort, count: int) -> np.ndarray:
-    """The next `count` frames at least, or what came within 2 s."""
-    parts, until = [port.receive(2.0).copy()], time.monotonic() + 2.0
+    """The next `count` frames at least, or what came within 20 s."""
+    parts, until = [port.receive(20.0).copy()], time.monotonic() + 20.0
     while sum(map(len, parts)) < count and time.monotonic() < until:
         parts.append(port.receive(0.1).copy())
     return np.concatenate(parts)
@@ -151,7 +152,7 @@ def test_what_was_recorded_is_replayed_frame_by_frame_and_in_time(
             )
     began = time.monotonic()
     assert run("replay", str(file)).exit_code == 0
-    assert 0.3 <= time.monotonic() - began < 3.0
+    assert 0.3 <= time.monotonic() - began < 30.0
     got = _take(port, 4)
     got = got[np.argsort(got["can_id"])]  # two channels: no order between them
     assert got["can_id"].tolist() == [0x100, 0x101, 0x102, 0x103]
@@ -416,10 +417,13 @@ def test_python_cans_logger_and_player_work_unchanged(running: Path, tmp_path: P
         time.sleep(0.02)
     player = [sys.executable, "-m", "can.player", *bus, str(played)]
     subprocess.run(player, env=environment, check=True, timeout=30, stdout=subprocess.DEVNULL)
-    # The hub has passed on all that the player sent before it left; the logger's own queue is as long as it takes.
-    time.sleep(0.2)
+    # The hub has passed on all that the player sent before it left; the logger has taken it all once it sleeps.
+    asleep = 0
+    while asleep < 10:
+        asleep = asleep + 1 if psutil.Process(logger.pid).status() == psutil.STATUS_SLEEPING else 0
+        time.sleep(0.02)
     logger.send_signal(signal.SIGINT)
-    logger.wait(10)
+    logger.wait(30)
     control.close()
     assert [m.arbitration_id for m in can.LogReader(logged)] == [0x300 + index for index in range(200)]
 
@@ -431,7 +435,7 @@ def test_python_cans_viewer_shows_the_bus_unchanged(running: Path, make_frames: 
     port = HubPort(running / "bus.sock", ["can0"])
     frames = make_frames([0x2A5], length=8)
     frames["data"][0, :8] = [0xDE, 0xAD, 0xBE, 0xEF, 0x12, 0x34, 0x56, 0x78]
-    shown, quits_by = b"", time.monotonic() + 30
+    shown, quits_by = b"", time.monotonic() + 60
     with subprocess.Popen(command, env=environment, stdin=theirs, stdout=theirs, stderr=theirs) as viewer:
         while b"0x2A5" not in shown or b"DE AD BE EF 12 34 56 78" not in shown:
             assert viewer.poll() is None and time.monotonic() < quits_by, shown[-2000:]

@@ -32,7 +32,7 @@ def test_an_open_relay_takes_the_drives_power_and_they_come_back_only_when_they_
     refused = relay("open", "--power", "supply")
     assert refused.exit_code == 1 and "the robot is enabled: Disable first" in refused.output
     robot.plant.wait(0.2)
-    robot.plant.wait_state(JOINTS, "operation_enabled", timeout_s=1.0)
+    robot.plant.wait_state(JOINTS, "operation_enabled")
 
     opened = relay("open", "--power", "supply", "--force")
     assert opened.exit_code == 0 and "supply: relay open" in opened.output
@@ -48,7 +48,7 @@ def test_an_open_relay_takes_the_drives_power_and_they_come_back_only_when_they_
     closed = relay("close", "--power", "supply")
     assert closed.exit_code == 0 and "supply: relay closed" in closed.output
     robot.plant.wait(0.5)
-    robot.plant.wait_state(JOINTS, "fault", timeout_s=1.0)
+    robot.plant.wait_state(JOINTS, "fault")
     assert [robot.position(joint) for joint in JOINTS] == pytest.approx(still, abs=1e-3), "the brakes hold"
     robot.daemon.call(m.Enable())
     robot.daemon.wait_status(lambda status: status.enabled, "it is enabled anew")

@@ -34,7 +34,7 @@ from handrail.robot.description import Device, RobotDescription
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 
 
 class FakeLoop:

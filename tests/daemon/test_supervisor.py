@@ -31,7 +31,7 @@ class Watched:
         self.supervisor = Supervisor(children, report=lambda name, text: self.lines.append((name, text)))
         self.supervisor.on_health = self.health.append
 
-    def until(self, what: Callable[[], bool], patience_s: float = 20.0) -> None:
+    def until(self, what: Callable[[], bool], patience_s: float = 60.0) -> None:
         deadline = time.monotonic() + patience_s
         while not what():
             assert time.monotonic() < deadline, (self.lines, self.supervisor.health())
@@ -211,7 +211,7 @@ while True:
     watched.supervisor.end()
     assert watched.said("killed")
     assert not alive(pid)
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     while alive(grandchild) and time.monotonic() < deadline:
         time.sleep(0.01)
     assert not alive(grandchild)
@@ -252,7 +252,7 @@ supervisor.run()
     assert alive(child)
     process.kill()
     process.wait()
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     while alive(child) and time.monotonic() < deadline:
         time.sleep(0.01)
     assert not alive(child)

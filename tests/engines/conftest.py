@@ -282,7 +282,7 @@ class Stack:
 
     def listening(self) -> None:
         """Return when events arrive here, and the engine knows where the robot is."""
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 30
         while not self.events and time.monotonic() < deadline:
             self.engine._log("info", "are you there?")
             with self._changed:
@@ -290,7 +290,7 @@ class Stack:
         assert self.events
         until(lambda: self.engine._services.daemon.command() is not None)
 
-    def call(self, message: Any, timeout_s: float = 5.0) -> Any:
+    def call(self, message: Any, timeout_s: float = 30.0) -> Any:
         return self.caller.call(message, timeout_s)
 
     def refusal(self, message: Any) -> m.Refused:
@@ -298,7 +298,7 @@ class Stack:
             self.call(message)
         return caught.value.refusal
 
-    def wait(self, wanted: Callable[[Any], bool], timeout_s: float = 10.0) -> Any:
+    def wait(self, wanted: Callable[[Any], bool], timeout_s: float = 30.0) -> Any:
         """The first event that is wanted, past ones included."""
         with self._changed:
             found = self._changed.wait_for(lambda: next((e for e in self.events if wanted(e)), None), timeout_s)
@@ -330,7 +330,7 @@ class Stack:
         self.caller.close()
 
 
-def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+def until(condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
     """Wait for something that no event tells of."""
     deadline = time.monotonic() + timeout_s
     while not condition():

@@ -15,10 +15,10 @@ WHOLE_BODY = EXAMPLE.with_name("test_whole_body.py")
 FAILING = """
 import pytest
 
-@pytest.mark.handrail(scene="valve")
+@pytest.mark.handrail(robot="sea_bench")
 def test_that_fails(robot):
-    robot.move("head_1_joint", 0.1, 0.2)
-    assert robot.plant.truth().hinges["valve"] > 1.0
+    robot.move("elbow_joint", 0.1, 0.2)
+    assert robot.position("elbow_joint") > 9.0
 
 @pytest.mark.handrail(robo="talos_upper")
 def test_that_is_marked_wrongly(plant):

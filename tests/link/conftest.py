@@ -172,7 +172,7 @@ class Stand:
     def gate(self) -> RunningGate:
         return self._keep(RunningGate(self.runtime, self.keys, self.port))
 
-    def client(self, folder: Path | None = None, timeout_s: float = 5.0) -> Client:
+    def client(self, folder: Path | None = None, timeout_s: float = 30.0) -> Client:
         return self._keep(connect(self.address, folder or self.keys, timeout_s=timeout_s))
 
     def _keep(self, what: Any) -> Any:

@@ -248,7 +248,7 @@ class FakeClient:
         self._robot.released.set()
 
 
-def wait_until(holds: Callable[[], Any], seconds: float = 15.0, turn: Callable[[], None] | None = None) -> Any:
+def wait_until(holds: Callable[[], Any], seconds: float = 60.0, turn: Callable[[], None] | None = None) -> Any:
     """Wait for something to become true, letting `turn` run meanwhile; returns what it became."""
     deadline = time.monotonic() + seconds
     while not (value := holds()):

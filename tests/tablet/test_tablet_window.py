@@ -63,7 +63,7 @@ class Shown:
         QTimer.singleShot(round(seconds * 1000), loop.quit)
         loop.exec()
 
-    def until(self, holds: Callable[[], Any], seconds: float = 20.0) -> Any:
+    def until(self, holds: Callable[[], Any], seconds: float = 60.0) -> Any:
         """Let the window work until something holds; returns what it became."""
         deadline = time.monotonic() + seconds
         while not (value := holds()):

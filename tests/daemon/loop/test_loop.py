@@ -206,7 +206,7 @@ def test_an_action_may_begin_a_hold_of_time_in_the_cycle_that_ends_it(bench) -> 
     assert list(bench.snapshot()["holds"][:2]) == [7, 0]
     waiting = threading.Thread(target=bench.loop.wait_while_held)
     waiting.start()
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     while bench.drives.beats < 2 and time.monotonic() < deadline:
         waiting.join(0.02)
     assert waiting.is_alive()
@@ -214,7 +214,7 @@ def test_an_action_may_begin_a_hold_of_time_in_the_cycle_that_ends_it(bench) -> 
     cycle = int(bench.snapshot()["cycle"])
     serial = bench.post_start(bench.move("arm_right_1_joint", -0.1, 0.1), owner=7)
     bench.ring_loop()
-    waiting.join(5)
+    waiting.join(30)
     assert not waiting.is_alive(), "the owner's next action lets time go on"
     snapshot = bench.snapshot()
     assert (snapshot["answered"], snapshot["answer"], snapshot["cycle"]) == (serial, Answer.ACCEPTED, cycle)
@@ -240,7 +240,7 @@ def test_a_hold_asked_for_in_the_moment_of_a_stop_does_not_come_between_it_and_t
     tell_stop_socket(bench, b"STOP")
     began = time.monotonic()
     bench.loop.wait_while_held()
-    assert time.monotonic() - began < 5
+    assert time.monotonic() - began < 30
     bench.run(2)
     assert (bench.drives.life == State.QUICK_STOP_ACTIVE).all()
 

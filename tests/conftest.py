@@ -1,0 +1,12 @@
+"""What all tests share: the order in which files are run."""
+
+from __future__ import annotations
+
+import pytest
+
+_LONG = ("hil", "planning", "plant", "robots", "daemon")
+"""folders whose files take long, with few tests: xdist would begin them last, and one worker would wait for the other"""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: _LONG.index(item.path.parts[-2]) if item.path.parts[-2] in _LONG else len(_LONG))

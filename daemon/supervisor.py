@@ -155,8 +155,9 @@ class Supervisor:
 
     def step(self, timeout_s: float | None, *, first_start: bool = False) -> None:
         """Start what may start, then deal with what happens within `timeout_s` (None: until something does)."""
-        self._start_due()
-        due = self._next_due()
+        now = time.monotonic()  # the same for both: what falls due between two looks would never be woken for
+        self._start_due(now)
+        due = self._next_due(now)
         if due is not None:
             timeout_s = due if timeout_s is None else min(due, timeout_s)
         died = []
@@ -195,17 +196,15 @@ class Supervisor:
 
     # -------------------------------------------------------------------------------------------------- start
 
-    def _start_due(self) -> None:
-        now = time.monotonic()
+    def _start_due(self, now: float) -> None:
         for kept in self._kept.values():
             due = kept.state is State.WAITING or (kept.state is State.BACK_OFF and now >= kept.start_at)
             needs = (*kept.child.after, *kept.child.bound_to)
             if due and not self._end_asked and all(self._kept[name].state is State.UP for name in needs):
                 self._spawn(kept)
 
-    def _next_due(self) -> float | None:
+    def _next_due(self, now: float) -> float | None:
         """s until a back-off or the patience with a start ends."""
-        now = time.monotonic()
         moments = [
             kept.start_at for kept in self._kept.values() if kept.state is State.BACK_OFF and kept.start_at > now
         ]

@@ -1,8 +1,14 @@
-"""What all tests share: the order in which files are run."""
+"""What all tests share: the order in which files are run, and signals that are heard."""
 
 from __future__ import annotations
 
+import signal
+
 import pytest
+
+# A shell that runs the tests in the background ignores these, and so would all processes that tests start and end by them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 _LONG = ("hil", "planning", "plant", "robots", "daemon")
 """folders whose files take long, with few tests: xdist would begin them last, and one worker would wait for the other"""

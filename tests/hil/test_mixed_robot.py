@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
@@ -100,18 +100,27 @@ def mixed(tmp_path: Path, handrail_nursery: Nursery) -> Iterator[Mixed]:
         yield Mixed(rig, door, bridge)
 
 
+def moved(mixed: Mixed, joint: str, where: Callable[[], float], by: float) -> bool:
+    """The joint goes there. A busy machine may hear of it too late and end a motion: then from where it is."""
+    target, outcome = where() + by, "stale_state"
+    for _ in range(20):
+        if outcome != "stale_state":
+            break
+        path = m.JointTrajectory(
+            joints=[joint], times=[0.0, 0.4], positions=[[where()], [target]], velocities=[[0.0], [0.0]]
+        )
+        outcome = mixed.rig.daemon.wait_end(mixed.rig.daemon.start(path)).outcome
+    mixed.rig.plant.wait(0.1)
+    return outcome == "done" and where() == pytest.approx(target, abs=0.02)
+
+
 def test_a_robot_on_an_emulated_and_a_real_bus_holds_and_moves_and_a_pulled_cable_stops_its_limb(mixed: Mixed) -> None:
     robot, daemon, plant = mixed.rig.robot, mixed.rig.daemon, mixed.rig.plant
     elbow = mixed.elbow().joints.index(FAR)
     assert mixed.elbow().states[elbow] == "operation_enabled"
     assert not mixed.elbow().braked[elbow], "the drive on the bench holds by itself"
-    near, far = robot.position(NEAR), mixed.elbow().truth.joints[FAR]
-
-    assert robot.move(NEAR, 0.3, 0.4) == "done"
-    assert robot.move(FAR, 0.4, 0.4) == "done"
-    plant.wait(0.1)
-    assert robot.position(NEAR) == pytest.approx(near + 0.3, abs=0.02)
-    assert mixed.elbow().truth.joints[FAR] == pytest.approx(far + 0.4, abs=0.02)
+    assert moved(mixed, NEAR, lambda: robot.position(NEAR), 0.3)
+    assert moved(mixed, FAR, lambda: mixed.elbow().truth.joints[FAR], 0.4)
 
     swing = robot.begin(NEAR, -0.3, 3.0)
     plant.wait(0.2)

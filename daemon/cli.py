@@ -185,8 +185,9 @@ def ask(verb: str, call: msgspec.Struct, runtime: Path | None) -> Any:
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows of words as lines, the columns below each other: numbers to the right, names to the left."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    right = [any(cell[:1].isdigit() for cell in column) for column in zip(*rows[1:], strict=True)]
+    columns = list(zip(*rows, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    right = [any(cell[:1].isdigit() for cell in column[1:]) for column in columns]
     return [
         "  ".join(
             f"{cell:>{w}}" if r else f"{cell:<{w}}" for cell, w, r in zip(row, widths, right, strict=True)

@@ -53,7 +53,8 @@ def list_(
         print(msgspec.json.format(msgspec.json.encode(told), indent=1).decode())
     else:
         heads = ("controller", "kind", "state", "claims", "of", "joints")
-        print(*aligned([heads, *map(_row, told.controllers)]), sep="\n")
+        rows = list(map(_row, told.controllers))
+        print(*(aligned([heads, *rows]) if rows else ["no controller is loaded"]), sep="\n")
         print(f"kinds: {', '.join(told.kinds)}")
     if failed := [c for c in told.controllers if c.error]:
         sys.exit("\n".join(f"handrail controllers list: {c.name}: {c.error}" for c in failed))

@@ -4,6 +4,7 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
+from daemon.cli import aligned
 from daemon.controllers_cli import controllers
 from daemon.roster import Loaded, Roster
 from daemon.validation import check_load, check_loaded
@@ -45,6 +46,18 @@ def test_controllers_are_listed_loaded_switched_and_unloaded_while_the_robot_run
     assert run("switch", "--deactivate", "soft").exit_code == 0
     assert run("unload", "soft").exit_code == 0
     assert [c.name for c in listed().controllers] == ["hold"]
+
+
+@pytest.mark.handrail(robot="sea_bench")
+@pytest.mark.timeout(300)
+def test_of_a_robot_that_nobody_has_enabled_no_controller_is_listed(daemon, handrail_rig):
+    told = CliRunner().invoke(controllers, ["list", "--runtime", str(handrail_rig.folder)])
+    assert (told.exit_code, told.stdout) == (
+        0,
+        "no controller is loaded\nkinds: gravity_compensation, joint_impedance\n",
+    )
+    assert aligned([("name", "cycles"), ("hold", "7")]) == ["name  cycles", "hold       7"]
+    assert aligned([("name", "cycles")]) == ["name  cycles"]
 
 
 @pytest.mark.parametrize(

@@ -493,4 +493,5 @@ def nearest(given: str, known: Collection[str]) -> str:
     """What to expect instead of a name that is not known."""
     if close := difflib.get_close_matches(given, known, n=3, cutoff=0.5):
         return f"one such as {', '.join(close)}"
-    return f"one of {', '.join(sorted(known)[:6])}, ..."
+    few = sorted(known)[:6]
+    return f"one of {', '.join(few)}" + (f", and {len(known) - len(few)} more" if len(known) > len(few) else "")

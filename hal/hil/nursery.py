@@ -302,16 +302,17 @@ class _Server:
 
     def end(self) -> None:
         """No child outlives its tests."""
+        watched = {os.pidfd_open(pid): pid for pid in self._children}
         for number, patience in ((signal.SIGTERM, 1.0), (signal.SIGKILL, _PATIENCE_S)):
-            for pid in self._children:
+            for descriptor in watched:
                 with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, number)
+                    signal.pidfd_send_signal(descriptor, number)
             deadline = time.monotonic() + patience
-            while self._children and time.monotonic() < deadline:
-                for pid in list(self._children):
-                    if os.waitpid(pid, os.WNOHANG)[0]:
-                        self._children.discard(pid)
-                time.sleep(0.01)
+            while watched and (left := deadline - time.monotonic()) > 0:
+                for descriptor in select.select(list(watched), [], [], left)[0]:
+                    os.waitpid(pid := watched.pop(descriptor), 0)
+                    os.close(descriptor)
+                    self._children.discard(pid)
 
 
 def main() -> None:

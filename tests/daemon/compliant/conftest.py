@@ -15,8 +15,7 @@ from daemon.exchange import ActionState, Outcome
 from daemon.warm_up import warm_up
 from hal.drives.protocol import LimbProtocol
 from hal.plant.bullet import pybullet as p
-from hal.plant.bus_node import BusNode
-from hal.plant.drive_node import STEP_NS
+from hal.plant.direct_port import DirectPort
 from hal.plant.scene import EMPTY, Box, Scene
 from hal.plant.world import World
 from handrail.messages import Pose
@@ -31,35 +30,18 @@ END = 0.03
 Vector = tuple[float, float, float]
 
 
-class PlantPort:
-    """A port with the plant behind it: it steps one period at Sync, and answers."""
+class PlantPort(DirectPort):
+    """With something that acts on the world before each of its steps."""
 
     def __init__(self, world: World):
-        self.world, self._node = world, BusNode(world)
-        self.counters = np.zeros((len(world.description.channels), 3), np.int64)
-        self.refused = self.lost = 0
-        self._steps = world.description.period_ns // STEP_NS
-        self._answers = self._node.answer()
+        super().__init__(world)
         self.each_step: list[Callable[[], None]] = []
 
-    def send(self, records: np.ndarray) -> None:
-        syncs, _ = self._node.receive(records)
-        if syncs:
-            for left in range(self._steps, 0, -1):
-                for act in self.each_step:
-                    act()
-                self.world.step(felt=left == 1)
-        self._answers = self._node.answer()
-
-    def receive(self, timeout_s: float = 0.0) -> np.ndarray:
-        answers, self._answers = self._answers, self._answers[:0]
-        return answers
-
-    def fileno(self) -> int:
-        return -1
-
-    def close(self) -> None:
-        self.world.close()
+    def advance(self, steps: int) -> None:
+        for left in range(steps, 0, -1):
+            for act in self.each_step:
+                act()
+            self.world.step(felt=left == 1)
 
 
 class InPlant(Bench):

@@ -18,10 +18,9 @@ import numpy as np
 import pytest
 
 from daemon.exchange import CONTROLLERS, LOADED_CODE, Answer, ControllerState, Kind
-from hal.can import frames
 from hal.drives.protocol import LimbProtocol
 from hal.joint import COMMANDED
-from hal.plant.bus_node import BusNode
+from hal.plant.direct_port import DirectPort
 from hal.plant.scene import EMPTY
 from hal.plant.world import World
 from handrail.messages import ConfigureController
@@ -71,50 +70,37 @@ class Push(Controller):
 """
 
 
-class PlantPort:
-    """The plant's drives as the loop's port: a datagram that ends with Sync steps the world one period, then they answer."""
+class PlantPort(DirectPort):
+    """That measures what a cycle's set-points change at drives and springs."""
 
     def __init__(self, description: RobotDescription):
-        self.world = World(description, EMPTY)
-        self.counters = np.zeros((len(description.channels), 3), np.int64)
-        self.refused = self.lost = 0
+        super().__init__(World(description, EMPTY))
         self.jump = self.spring_jump = 0.0
         """of the last cycle, the largest share of a joint's rated torque"""
         self.worst = -1
         """that joint"""
-        self._node, self._answers = BusNode(self.world), frames.empty(0)
-        self._rated, self._steps = description.torque_limit, description.period_ns // 1_000_000
+        self._rated, self._before = description.torque_limit, self._torque()
 
     def send(self, records: np.ndarray) -> None:
-        before = self._torque()
-        syncs, _ = self._node.receive(records)
-        jumps = np.abs(self._torque() - before) / self._rated
+        self._before = self._torque()
+        super().send(records)
+
+    def advance(self, steps: int) -> None:
+        jumps = np.abs(self._torque() - self._before) / self._rated
         self.worst = int(jumps.argmax())
         self.jump = float(jumps[self.worst])
         self.spring_jump = 0.0
-        for left in range(syncs * self._steps, 0, -1):
+        for left in range(steps, 0, -1):
             carried = self.world.drives.actuators.spring_torque.copy()
             self.world.step(felt=left == 1)
             change = np.abs(self.world.drives.actuators.spring_torque - carried) / self._rated
             self.spring_jump = max(self.spring_jump, float(change.max()))
-        if syncs:
-            self._answers = self._node.answer().copy()
 
     def _torque(self) -> np.ndarray:
         """What each drive makes of its set-point, as its sensors read."""
         drive = self.world.drives.actuators
         spring = drive.stiffness * (drive.position - drive.measured_position)
         return drive.torque + spring + drive.damping * (drive.velocity - drive.measured_velocity)
-
-    def receive(self, timeout_s: float = 0.0) -> np.ndarray:
-        answers, self._answers = self._answers, self._answers[:0]
-        return answers
-
-    def fileno(self) -> int:
-        return -1
-
-    def close(self) -> None:
-        self.world.close()
 
 
 class PlantBench(Bench):

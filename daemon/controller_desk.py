@@ -13,9 +13,11 @@ from daemon.exchange import (
     LOADED_CODE,
     ControllerState,
     Kind,
+    Outcome,
     active_controllers,
     claimed_interfaces,
     encode_controllers,
+    how_it_went,
 )
 from daemon.roster import Loaded, Roster, own_kinds, read_roster
 from daemon.validation import check_load, check_loaded
@@ -42,6 +44,7 @@ class ControllerDesk:
         self._description, self._file = description, file
         self.roster = Roster()
         self._told = -1
+        self._changes: np.ndarray | None = None
 
     def look(self, snapshot: np.ndarray) -> bool:
         """Read the roster if the snapshot is about a newer one. False while the loop's workshop has not written that yet."""
@@ -52,7 +55,24 @@ class ControllerDesk:
 
     def begin_anew(self) -> None:
         """Another loop runs: it knows nothing of what was loaded before."""
-        self.roster, self._told = Roster(), -1
+        self.roster, self._told, self._changes = Roster(), -1, None
+
+    def deactivations(self, snapshot: np.ndarray) -> Iterator[ControllerEvent]:
+        """What has been deactivated since the last call, other than by a switch."""
+        changes, before = snapshot["controller_changes"], self._changes
+        if before is not None and not np.array_equal(changes, before):
+            for entry in self.roster.loaded:
+                change = changes[entry.slot]
+                if change == before[entry.slot] or change["why"] in (Outcome.NONE, Outcome.DONE):
+                    continue
+                yield ControllerEvent(
+                    name=entry.name,
+                    state="inactive",
+                    time_ns=int(change["time_ns"]),
+                    cycle=int(change["cycle"]),
+                    detail=how_it_went(change, self._description.joints),
+                )
+        self._changes = changes.copy()
 
     def news(self) -> Iterator[ControllerEvent]:
         """What has been written to the roster since the last call; what a server finds at its start was told by another one."""
@@ -76,7 +96,7 @@ class ControllerDesk:
 
     def list(self, snapshot: np.ndarray) -> ControllerList:
         """Everything that is loaded, then what the daemon runs by itself."""
-        loaded = [self._info(entry, self._state(entry, snapshot)) for entry in self.roster.loaded]
+        loaded = [self._info(entry, snapshot) for entry in self.roster.loaded]
         running = active_controllers(snapshot, self._description.joints)
         own = [
             ControllerInfo(
@@ -90,7 +110,7 @@ class ControllerDesk:
         ]
         lost = {news.name: news.detail for news in self.roster.news if news.state == "finalized"}
         kinds = sorted({*self.roster.kinds, *own_kinds()})
-        return ControllerList(controllers=[*loaded, *own], kinds=kinds, lost=lost)
+        return ControllerList(time_ns=int(snapshot["time_ns"]), controllers=[*loaded, *own], kinds=kinds, lost=lost)
 
     # ----------------------------------------------------------------------------------------- calls, as the loop takes them
 
@@ -122,11 +142,12 @@ class ControllerDesk:
         come, go = masks.values()
         return encode_controllers(Kind.SWITCH, serial, come=come, go=go, roster=self.roster.number)
 
-    def _info(self, entry: Loaded, state: ControllerState) -> ControllerInfo:
+    def _info(self, entry: Loaded, snapshot: np.ndarray) -> ControllerInfo:
+        change = snapshot["controller_changes"][entry.slot]
         return ControllerInfo(
             name=entry.name,
             kind=entry.kind,
-            state=state.name.lower(),
+            state=ControllerState(int(snapshot["controller_states"][entry.slot])).name.lower(),
             joints=entry.joints,
             interfaces=entry.interfaces or list(COMMANDED),
             onto=entry.onto,
@@ -134,7 +155,6 @@ class ControllerDesk:
             fallback=entry.fallback,
             parameters=entry.parameters,
             error=entry.error,
+            since_ns=int(change["time_ns"]),
+            why=how_it_went(change, self._description.joints),
         )
-
-    def _state(self, entry: Loaded, snapshot: np.ndarray) -> ControllerState:
-        return ControllerState(int(snapshot["controller_states"][entry.slot]))

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.actions import Refusal
-from daemon.controllers.base import ChainableController, Controller
-from daemon.exchange import MAX_LOADED, Answer, ControllerState
+from daemon.controllers.base import ChainableController, Controller, Ended
+from daemon.exchange import CONTROLLER_CHANGE, MAX_LOADED, Answer, ControllerState, Outcome
 from daemon.manager import ActivationError, ChainError, ClaimError, CommandError, ControllerManager
 from daemon.workshop import Done, Job, When, Workshop
 from hal.joint import JointCommand
@@ -40,11 +40,18 @@ class ControllerTable:
         """goes up with every change but switches: number of the file (daemon.roster) that tells of it"""
         self.time_ns = self.cycle = 0
         """of the present cycle"""
+        self._states = np.zeros(MAX_LOADED, np.uint8)
+        self._changes = np.zeros(MAX_LOADED, CONTROLLER_CHANGE)
 
-    def states(self) -> np.ndarray:
-        """(MAX_LOADED,) uint8, ControllerState of each slot."""
-        found = [self._state(number) for number in range(MAX_LOADED)]
-        return np.array(found, np.uint8)
+    def look(self) -> tuple[np.ndarray, np.ndarray]:
+        """(MAX_LOADED,) uint8, ControllerState of each slot; (MAX_LOADED,) CONTROLLER_CHANGE, how it came to that."""
+        states = np.array([self._state(number) for number in range(MAX_LOADED)], np.uint8)
+        for number in np.flatnonzero(states != self._states).tolist():
+            deactivated = self._states[number] == ControllerState.ACTIVE and states[number] == ControllerState.INACTIVE
+            why = self._controller(number).ended if deactivated else Ended(Outcome.NONE)
+            self._changes[number] = (int(why.outcome), why.joint, why.value, self.time_ns, self.cycle)
+        self._states = states
+        return states, self._changes
 
     # ------------------------------------------------------------------------------------------------- what is asked for
 
@@ -92,14 +99,18 @@ class ControllerTable:
         for number, controller in zip(coming, newcomers, strict=True):
             if not self._tie(number, controller):
                 return Refusal(Answer.CHAIN_BROKEN, value=number)
+        gone = [self._controller(number) for number in going]
         try:
-            self._manager.switch([self._controller(number) for number in going], newcomers, last)
+            self._manager.switch(gone, newcomers, last)
         except ClaimError as error:
-            return Refusal(Answer.CLAIMED, error.joint)
+            isolated = self._manager.isolated[error.joint]
+            return Refusal(Answer.ISOLATED if isolated else Answer.CLAIMED, error.joint)
         except ChainError as error:
             return Refusal(Answer.CHAIN_BROKEN, error.joint, self._number(error.controller))
         except ActivationError as error:
             return Refusal(Answer.NOT_ACTIVATED, value=self._number(error.controller))
+        for controller in gone:
+            controller.ended = Ended(Outcome.DONE)
         return None
 
     # --------------------------------------------------------------------------------------------------- what comes about

@@ -44,7 +44,9 @@ def _controllers() -> None:
 def list_(
     json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False, runtime: _Runtime = None
 ) -> None:
-    """What is loaded and what is active, with what each claims; and which kinds may be loaded.
+    """What is loaded and what is active, for how long and with what each claims; and which kinds may be loaded.
+
+    Of what was active and is not any more it says what took it out of service, and what to do.
 
     Exit status 1: one of them has failed, which is then said below.
     """
@@ -52,9 +54,11 @@ def list_(
     if json:
         print(msgspec.json.format(msgspec.json.encode(told), indent=1).decode())
     else:
-        heads = ("controller", "kind", "state", "claims", "of", "joints")
-        rows = list(map(_row, told.controllers))
+        heads = ("controller", "kind", "state", "for", "claims", "of", "joints")
+        rows = [_row(info, told.time_ns) for info in told.controllers]
         print(*(aligned([heads, *rows]) if rows else ["no controller is loaded"]), sep="\n")
+        for info in (info for info in told.controllers if info.why):
+            print(f"{info.name} is inactive: {info.why}")
         print(f"kinds: {', '.join(told.kinds)}")
     if failed := [c for c in told.controllers if c.error]:
         sys.exit("\n".join(f"handrail controllers list: {c.name}: {c.error}" for c in failed))
@@ -120,9 +124,10 @@ def unload(
     ask("controllers unload", UnloadController(name=name), runtime)
 
 
-def _row(info: ControllerInfo) -> tuple[str, ...]:
+def _row(info: ControllerInfo, now_ns: int) -> tuple[str, ...]:
+    since = f"{(now_ns - info.since_ns) * 1e-9:.1f} s" if info.since_ns else "-"
     what = "everything" if len(info.interfaces) == 5 else "+".join(info.interfaces)
-    return (info.name, info.kind, info.state, what, info.onto or "robot", " ".join(info.joints))
+    return (info.name, info.kind, info.state, since, what, info.onto or "robot", " ".join(info.joints))
 
 
 def _named(words: Sequence[str], robot: RobotInfo) -> list[str]:

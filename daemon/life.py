@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.actions import ActionTable, Refusal
+from daemon.controllers.base import Ended
 from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome, Rule
 from daemon.manager import ControllerManager
@@ -192,7 +193,7 @@ class Life:
         self._enabling_for, self._isolated = -1, True
         self._hardware.isolate(out)
         self._actions.end_all(Outcome.DRIVE_FAULT, joint)
-        self._manager.isolate(out, last)
+        self._manager.isolate(out, last, Ended(Outcome.DRIVE_FAULT, joint))
 
     def _take_back(self) -> None:
         """Isolated limbs are on their way back: hold them where they are once all of their drives are in operation."""
@@ -219,6 +220,6 @@ class Life:
         if self._isolated:
             self._isolated = False
             self._hardware.isolate(np.zeros_like(self._hardware.isolated))
-        self._manager.release_all()
+        self._manager.release_all(Ended(outcome, joint))
         self._devices.disable()
         self._actions.end_all(outcome, joint)

@@ -198,8 +198,11 @@ class Loop:
         return self.manager.fail(joint, last)
 
     def after_failures(self) -> None:
-        """Controllers have failed and were replaced: their actions end, and people hear of it."""
+        """Controllers have failed, or a rule ended them, and were replaced: their actions end, and people hear of it."""
         for controller in self.manager.failures:
+            if controller.error is None:
+                self.life.ledger.note_end(controller.ended)
+                continue
             self.after_end(self.actions.lose(controller))
             self.controllers.fail(controller)
         self.manager.failures.clear()
@@ -207,7 +210,7 @@ class Loop:
     def after_end(self, ended: Iterable[Action]) -> None:
         """Note why; in lock-step an owner may have asked for time to think at its action's end."""
         for action in ended:
-            self.life.ledger.action_ended(action)
+            self.life.ledger.note_end(action)
             if action.hold_after > 0.0:
                 self.holds.add(action.owner, action.hold_after)
 

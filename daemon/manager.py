@@ -13,12 +13,13 @@ from collections.abc import Collection, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.controllers.base import Array, Controller, Gains, rows_of
+from daemon.controllers.base import Array, Controller, Ended, Gains, rows_of
 from daemon.controllers.hold import Hold
-from daemon.exchange import CONTROLLERS
+from daemon.exchange import CONTROLLERS, Outcome, Rule
 from daemon.references import fade
 from daemon.robot_state import RobotState
 from daemon.safety.limits import effective_torque
+from daemon.safety.rules import Trip, followed, unsafe
 from hal.joint import COMMANDED, JointCommand, Mode
 
 FADE = 0.2
@@ -74,7 +75,8 @@ class ControllerManager:
         self.changes = 0
         """how often who is active has changed"""
         self.failures: list[Controller] = []
-        """what failed (`error` says why) and has been replaced; whoever has dealt with them clears it"""
+        """what failed (`error` says why) or was ended by a rule (`error` is None, `ended` says why), and has been replaced;
+        whoever has dealt with them clears it"""
         self.isolated = np.zeros(n, bool)
         """(n,) joints that nobody commands, though the robot is enabled"""
         self.fresh: NDArray[np.bool_] | None = None
@@ -82,6 +84,7 @@ class ControllerManager:
         self._some_isolated = False
         self._rated_torque = robot.kinematics.description.torque_limit
         self._steps: list[tuple[Controller, JointCommand]] = []
+        self._watched: list[Controller] = []
         self._failing: list[Controller] = []
         self._offset = np.zeros(n)
         self._since_switch = np.full(n, np.inf)
@@ -108,13 +111,15 @@ class ControllerManager:
             self.gains.integral.forget(self.fresh)
         self._set([hold], np.full_like(self.claims, _HOLD))
 
-    def release_all(self) -> None:
+    def release_all(self, why: Ended) -> None:
         """Take away every claim at once; nothing is commanded any more."""
+        self._note(self.active, why)
         self._isolate(np.zeros_like(self.isolated))
         self._set([], np.zeros_like(self.claims))
 
-    def isolate(self, joints: NDArray[np.bool_], last: JointCommand) -> None:
+    def isolate(self, joints: NDArray[np.bool_], last: JointCommand, why: Ended) -> None:
         """Take every claim away from these joints (n,); all the others are held, from `last` on."""
+        self._note(self.active, why)
         self._isolate(joints)
         self.fresh = joints.copy()  # no command follows theirs
         self.switch(self.active, [], last)
@@ -168,8 +173,11 @@ class ControllerManager:
         """This cycle's command from all active controllers; `last` is the command as it was last written.
 
         What a switch would make jump in the drives' torque, at the state measured now, is added as an offset that is let go
-        over `FADE` seconds. A controller that raises an exception is replaced in this cycle; `failures` then tells.
+        over `FADE` seconds. A controller that raises an exception is replaced in this cycle, and before it runs one that was
+        loaded by name and must not go on; `failures` then tells.
         """
+        if self._watched:
+            self._end_unsafe(last)
         self._run(self._steps)
         if self._failing:
             self._replace(last)
@@ -217,7 +225,7 @@ class ControllerManager:
                     controller.onto.recall(controller.joints)  # it is updated after this one
 
     def _blame(self, controller: Controller, error: Exception) -> None:
-        controller.error = error
+        controller.error, controller.ended = error, Ended(Outcome.CONTROLLER_ERROR)
         self._failing.append(controller)
 
     def _replace(self, last: JointCommand) -> NDArray[np.bool_]:
@@ -225,21 +233,51 @@ class ControllerManager:
         anew = np.zeros(self.claims.shape[1], bool)
         while self._failing:
             failed, self._failing = self._failing, []
-            go = [*failed, *(c for c in self.active if _rests_on(c, failed) and not _among(c, failed))]
-            come = [f for c in go for f in c.fallbacks if f.error is None and not _among(f, self.active)]
             before = self.active
-            try:
-                self.switch(go, come, last)
-            except (
-                SwitchError
-            ):  # a fallback that can't take over now: another claims one of its joints, or it failed itself
-                self.switch(go, [], last)
-            self.failures += failed
+            self._hand_over(failed, last)
             steps = [step for step in self._steps if not _among(step[0], before)]
             self._run(steps)
             for controller, _ in steps:
                 anew[controller.joints] = True
         return anew
+
+    def _hand_over(self, failed: list[Controller], last: JointCommand) -> None:
+        """Let the fallbacks of these, and of what commands their references, take over, or else `hold`."""
+        resting = [c for c in self.active if _rests_on(c, failed) and not _among(c, failed)]
+        self._note(resting, Ended(Outcome.CONTROLLER_ERROR))
+        go = [*failed, *resting]
+        come = [f for c in go for f in c.fallbacks if _may_take_over(f, c) and not _among(f, self.active)]
+        try:
+            self.switch(go, come, last)
+        except (
+            SwitchError
+        ):  # a fallback that can't take over now: another claims one of its joints, or it failed itself
+            self.switch(go, [], last)
+        self.failures += failed
+
+    def _end_unsafe(self, last: JointCommand) -> None:
+        """Controllers that were loaded by name are under the rules about joints that end actions."""
+        found = []
+        for controller in self._watched:
+            if no := self._unsafe(controller, last):
+                outcome = Outcome.STALE_STATE if no.rule is Rule.STALE else Outcome.DIVERGED
+                self._note([controller], Ended(outcome, no.joint, no.value))
+                found.append(controller)
+        if found:
+            self._hand_over(found, last)
+
+    def _unsafe(self, controller: Controller, last: JointCommand) -> Trip | None:
+        joints, state = controller.joints, self.robot.joints
+        no = unsafe(followed(joints, last.position, state))
+        if no is None or no.rule is Rule.STALE:
+            return no
+        # Without a spring between joint and command it does not matter where that one is.
+        tied = joints[last.stiffness[joints] > 0.0]
+        return unsafe(followed(tied, last.position, state)) if len(tied) else None
+
+    def _note(self, controllers: Iterable[Controller], why: Ended) -> None:
+        for controller in controllers:
+            controller.ended = why
 
     def _take_bumps(self, last: JointCommand) -> None:
         """What the switches of this cycle would make jump at the drives."""
@@ -269,6 +307,8 @@ class ControllerManager:
     def _set(self, active: list[Controller], claims: NDArray[np.uint8]) -> None:
         self.active = sorted(active, key=_depth, reverse=True)
         self._steps = [(c, self.command if c.onto is None else c.onto.reference) for c in self.active]
+        # Who commands another one's references goes with it: its joints are among that one's.
+        self._watched = [c for c in self.active if c.code >= 0 and c.onto is None]
         self.claims[...] = claims
         self.changes += 1
 
@@ -304,6 +344,12 @@ def _rests_on(controller: Controller, others: Collection[Controller]) -> bool:
     """Whether it commands the references of one of `others`, or of one that does."""
     onto = controller.onto
     return onto is not None and (_among(onto, others) or _rests_on(onto, others))
+
+
+def _may_take_over(fallback: Controller, ended: Controller) -> bool:
+    """Not what has failed itself, nor what would be as blind."""
+    blind = ended.ended.outcome is Outcome.STALE_STATE and ended.ended.joint in fallback.joints
+    return fallback.error is None and not blind
 
 
 def _among(controller: Controller, others: Iterable[Controller]) -> bool:

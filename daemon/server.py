@@ -178,7 +178,7 @@ class Server:
             self._publisher.send(message)
         if (newest := self._reporter.snapshot) is not None:
             self._desk.look(newest)
-            for event in self._desk.news():
+            for event in (*self._desk.news(), *self._desk.deactivations(newest)):
                 self._publisher.send(event)
         if awaited and (rows := np.flatnonzero(snapshots["answered"] == awaited)).size:
             row = snapshots[rows[0]]

@@ -129,7 +129,8 @@ class SnapshotWriter:
         record["answered"], record["answer"] = self._orders.answered, int(answer.answer)
         record["answer_joint"], record["answer_value"] = answer.joint, answer.value
         record["holds"][:] = holding + [0] * (MAX_HOLDS - len(holding))
-        record["claims"], record["controller_states"] = self._manager.claims, self._controllers.states()
+        record["claims"] = self._manager.claims
+        record["controller_states"], record["controller_changes"] = self._controllers.look()
         record["roster"] = self._controllers.roster
         record["stop_reason"] = _truncated(self._life.stop_reason, record.dtype["stop_reason"].itemsize)
 

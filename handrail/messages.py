@@ -442,6 +442,10 @@ class ControllerInfo(msgspec.Struct, kw_only=True):
     parameters: dict[str, Any] = {}
     error: str = ""
     """why it could not be loaded or configured, or failed since, with the traceback"""
+    since_ns: int = 0
+    """robot's clock, when it came to this state; 0: not known, of what the daemon runs by itself"""
+    why: str = ""
+    """inactive: what took it out of service, and what to do; empty: it has not been active since it was made"""
 
 
 class ControllerList(Message):
@@ -452,6 +456,8 @@ class ControllerList(Message):
     """what may be loaded: built in, and the files of the workspace's folder `controllers`"""
     lost: dict[str, str] = {}
     """what could not be loaded lately, and why"""
+    time_ns: int = 0
+    """robot's clock, now"""
 
 
 @_travels(priority=1)
@@ -508,7 +514,8 @@ class UnloadController(Message):
 
 @_travels(priority=2, remote=True)
 class ControllerEvent(Message):
-    """A controller was loaded, made or lost; switches are told in DaemonStatus.controllers."""
+    """A controller was loaded, made or lost, or something else than a switch deactivated it; switches are told in
+    DaemonStatus.controllers."""
 
     name: str
     state: Literal["loading", "unconfigured", "inactive", "finalized"]
@@ -516,7 +523,7 @@ class ControllerEvent(Message):
     time_ns: int
     cycle: int
     detail: str = ""
-    """what it raised, with the traceback; empty: all is well"""
+    """what it raised, with the traceback, or what deactivated it; empty: all is well"""
 
 
 @_travels(priority=1, remote=True)

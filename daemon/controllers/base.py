@@ -10,11 +10,12 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.exchange import Outcome
 from daemon.outer_integral import OuterIntegral
 from daemon.references import PathClock
 from daemon.robot_state import RobotState
@@ -64,6 +65,16 @@ class Setup:
     """as the user gave them"""
 
 
+class Ended(NamedTuple):
+    """Why a controller was taken out of service."""
+
+    outcome: Outcome
+    joint: int = -1
+    """row of the joint that it was about; −1: none"""
+    value: float = 0.0
+    """rad off, or cycles old"""
+
+
 class Controller(ABC):
     """Commands the joints that it claims; `joints` are their rows in the description's order.
 
@@ -83,7 +94,9 @@ class Controller(ABC):
     fallbacks: tuple[Controller, ...] = ()
     """what takes over when it fails; what they leave over is held"""
     error: Exception | None = None
-    """why it was taken out of service"""
+    """what it raised, after which it is not used any more"""
+    ended = Ended(Outcome.NONE)
+    """why it was taken out of service last"""
 
     def __init__(self, joints: NDArray[np.int64], gains: Gains):
         self.joints = joints

@@ -7,7 +7,6 @@ from typing import Annotated, Self
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from daemon.controllers.base import Controller, Gains, Setup
 from daemon.robot_state import RobotState
@@ -22,19 +21,29 @@ class Parameters(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class GravityCompensation(Controller):
-    """The model's gravity torque, a little damping in the drives, and no stiffness; commanded is always where the joint is."""
+    """The model's gravity torque, a little damping in the drives, and no stiffness; commanded is where the joint is.
 
-    def __init__(self, joints: NDArray[np.int64], gains: Gains, damping: float = 0.3):
-        super().__init__(joints, Gains(np.zeros_like(gains.stiffness), damping * gains.damping))
-        self._still = np.zeros(len(joints))
+    The command comes there no faster than the joint may move, and stays within its ends, as the limits would have it: they end
+    whatever they hold back, and there may be a way to go after a joint was pressed from where it was commanded.
+    """
+
+    def __init__(self, setup: Setup, damping: float = 0.3):
+        gains, rows, description = setup.gains, setup.joints, setup.kinematics.description
+        super().__init__(rows, Gains(np.zeros_like(gains.stiffness), damping * gains.damping))
+        self._still, self._position = np.zeros(len(rows)), np.zeros(len(rows))
+        self._lower, self._upper = description.lower[rows], description.upper[rows]
+        self._step = description.velocity_limit[rows] * setup.period
 
     @classmethod
     def make(cls, setup: Setup) -> Self:
         parameters = msgspec.convert(dict(setup.parameters), Parameters)
-        return cls(setup.joints, setup.gains, parameters.damping)
+        return cls(setup, parameters.damping)
 
     def activate(self, robot: RobotState, last: JointCommand) -> None:
-        """Nothing to take over."""
+        self._position = last.position[self.joints].copy()
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
-        self.write_impedance(robot, out, robot.joints.position[self.joints], self._still)
+        position, step = self._position, self._step
+        towards = np.clip(robot.joints.position[self.joints], self._lower, self._upper)
+        position += np.clip(towards - position, -step, step)
+        self.write_impedance(robot, out, position, self._still)

@@ -32,6 +32,7 @@ from daemon.exchange.commands import (
 from daemon.exchange.records import (
     COMMAND,
     COMMAND_ROWS,
+    CONTROLLER_CHANGE,
     CONTROLLERS,
     LOADED_CODE,
     MAX_ENDS,
@@ -57,6 +58,7 @@ from daemon.exchange.reports import (
     active_controllers,
     claimed_interfaces,
     explain,
+    how_it_went,
     isolated_limbs,
     robot_state,
 )
@@ -65,6 +67,7 @@ __all__ = [
     "COMMAND",
     "COMMAND_ROWS",
     "CONTROLLERS",
+    "CONTROLLER_CHANGE",
     "LOADED_CODE",
     "MAX_ENDS",
     "MAX_HOLDS",
@@ -105,6 +108,7 @@ __all__ = [
     "encode_stream",
     "explain",
     "frame_names",
+    "how_it_went",
     "isolated_limbs",
     "robot_state",
     "snapshot_dtype",

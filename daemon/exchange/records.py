@@ -212,6 +212,20 @@ _END = np.dtype(
     align=True,
 )
 
+CONTROLLER_CHANGE = np.dtype(
+    [
+        (
+            "why",
+            "u1",
+        ),  # Outcome that took it out of service, DONE: it was switched off; NONE: it is active, or was made anew
+        ("joint", "i2"),  # that this was about, -1: none
+        ("value", "f8"),  # rad off, or cycles old
+        ("time_ns", "i8"),  # robot's clock, of its last change of state
+        ("cycle", "i8"),
+    ],
+    align=True,
+)
+
 SAFETY = np.dtype(
     [
         ("holds", "u1"),  # the rule holds the robot (or cuts its command) now
@@ -322,6 +336,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("firmware_version", "f8", n),
             ("claims", "u1", (len(COMMAND_ROWS), n)),  # who commands it: index into CONTROLLERS, or LOADED_CODE + slot
             ("controller_states", "u1", MAX_LOADED),
+            ("controller_changes", CONTROLLER_CHANGE, MAX_LOADED),  # how each came to its state
             ("roster", "i8"),  # which list of loaded controllers (daemon.roster) these states are about
             ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8

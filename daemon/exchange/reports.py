@@ -54,6 +54,27 @@ def isolated_limbs(snapshot: np.ndarray, description: RobotDescription) -> list[
     return [limb.name for row, limb in enumerate(description.limbs) if row in out]
 
 
+def how_it_went(change: np.ndarray | np.void, joints: Sequence[str]) -> str:
+    """Why a controller that was active is inactive (CONTROLLER_CHANGE), and what to do; "": nothing took it out of service."""
+    joint, value = (joints[int(change["joint"])] if change["joint"] >= 0 else "a joint"), float(change["value"])
+    told = {
+        Outcome.DONE: "switched off",
+        Outcome.CANCELLED: "the robot was disabled: enable it, and switch it on again",
+        Outcome.STOPPED: "the operator stop: clear it, enable the robot, and switch it on again",
+        Outcome.OWNER_LOST: "a keepalive was not answered and every drive stopped: enable the robot, and switch it on again",
+        Outcome.REFUSED_BY_LIMITS: f"{joint} could not even be held (handrail safety explain): enable the robot, and switch it on "
+        "again",
+        Outcome.DRIVE_FAULT: f"the drive of {joint} was lost, which ends every controller, and its limb is held by nobody until "
+        "the robot is enabled again (handrail safety explain); then switch it on again",
+        Outcome.STALE_STATE: f"{joint} had not been measured for {value:.0f} cycles: see to the bus (handrail hardware status), "
+        "and switch it on again",
+        Outcome.DIVERGED: f"{joint} was {value:.3f} rad from its command: see what holds the joint, and switch it on again",
+        Outcome.CONTROLLER_ERROR: "the controller whose references it commands was taken out of service: see to that one, and "
+        "switch both on again",
+    }
+    return told.get(Outcome(int(change["why"])), "")
+
+
 def action_event(
     slot: np.ndarray | np.void,
     action_id: str,

@@ -11,6 +11,7 @@ from daemon.safety.rules import DIVERGED, STALE
 
 if TYPE_CHECKING:
     from daemon.actions import Action
+    from daemon.controllers.base import Ended
 
 
 class Ledger:
@@ -30,13 +31,13 @@ class Ledger:
         row["time_ns"] = -1  # in this cycle
         self.news.append(rule)
 
-    def action_ended(self, action: Action) -> None:
-        """An action was ended in this cycle; note it where a rule did that."""
-        match action.outcome:
+    def note_end(self, of: Action | Ended) -> None:
+        """An action, or a controller, was ended in this cycle; note it where a rule did that."""
+        match of.outcome:
             case Outcome.DIVERGED:
-                self.trip(Rule.DIVERGED, action.joint, action.value, DIVERGED)
+                self.trip(Rule.DIVERGED, of.joint, of.value, DIVERGED)
             case Outcome.STALE_STATE:
-                self.trip(Rule.STALE, action.joint, action.value, STALE)
+                self.trip(Rule.STALE, of.joint, of.value, STALE)
             case Outcome.OWNER_LOST:
                 self.trip(Rule.OWNER_LOST)
 

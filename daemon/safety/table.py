@@ -67,15 +67,17 @@ TABLE: dict[Rule, Words] = {
         "{joint} by {value:.3f} rad; allowed {limit:g}",
     ),
     Rule.STALE: Words(
-        "a joint that an action moves has not been measured for 20 cycles",
-        "the action ends in that cycle and its joints are held",
-        "see to the bus (`handrail hardware status`), then start another action",
+        "a joint that an action or a loaded controller commands has not been measured for 20 cycles",
+        "the action ends in that cycle and its joints are held; the controller is deactivated, and its joints go to those of its "
+        "fallbacks that are not as blind, else they are held",
+        "see to the bus (`handrail hardware status`), then start another action, or switch the controller on again",
         "{joint}'s state was {value:.0f} cycles old; allowed {limit:g}",
     ),
     Rule.DIVERGED: Words(
-        "a joint that an action moves is more than 0.5 rad from its command",
-        "the action ends in that cycle and its joints are held",
-        "see what holds the joint, then start another action",
+        "a joint that an action or a loaded controller commands is more than 0.5 rad from its command",
+        "the action ends in that cycle and its joints are held; the controller is deactivated, and its fallbacks take over, else "
+        "its joints are held",
+        "see what holds the joint, then start another action, or switch the controller on again",
         "{joint} was {value:.3f} rad from its command; allowed {limit:g}",
     ),
     Rule.OWNER_LOST: Words(

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from daemon.controllers.base import Ended
 from daemon.exchange import Answer, Outcome
 from daemon.outer_integral import OuterIntegral
 from handrail.messages import CartesianImpedance, Pose
@@ -153,7 +154,7 @@ def test_a_limb_that_comes_back_begins_anew_and_the_others_go_on(make_tracking) 
     manager, back = bench.loop.manager, np.zeros(len(learned(bench)), bool)
     back[bench.index(JOINT)] = True
     before = learned(bench).copy()
-    manager.isolate(back, bench.loop.written)
+    manager.isolate(back, bench.loop.written, Ended(Outcome.DRIVE_FAULT))
     manager.rejoin()
     assert before[bench.index(JOINT)] > 0.005
     assert learned(bench)[bench.index(JOINT)] == 0.0

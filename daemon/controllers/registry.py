@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,7 @@ def _the_class_in(file: Path) -> type[Controller]:
     spec = importlib.util.spec_from_file_location(f"workspace_controllers.{file.stem}", file)
     assert spec is not None and spec.loader is not None, f"{file} ends in .py"
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where its classes' annotations are looked up, as those of a msgspec.Struct
     spec.loader.exec_module(module)
     classes = [
         found

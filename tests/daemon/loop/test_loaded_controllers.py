@@ -150,6 +150,15 @@ def test_what_can_not_be_made_stays_unconfigured_with_the_reason(
     (workspace / "bad.py").write_text(SWAY)
 
 
+def test_a_kind_of_ones_own_takes_parameters_as_the_built_in_ones_do(desk: Desk, workspace: Path) -> None:
+    built_in = Path(registry.__file__).with_name("gravity_compensation.py").read_text()
+    (workspace / "own_guide.py").write_text(built_in)
+    desk.load("guide", "own_guide", LEFT, parameters={"damping": 0.1})
+    slot = desk.begin("wrong", "own_guide", LEFT, parameters={"damping": 7})
+    assert desk.settle(slot) is ControllerState.UNCONFIGURED
+    assert "damping" in desk.roster().loaded[-1].error
+
+
 def test_parameters_that_a_kind_does_not_know_are_named(desk: Desk) -> None:
     slot = desk.begin("guide", "gravity_compensation", LEFT, parameters={"dampling": 0.1})
     assert desk.settle(slot) is ControllerState.UNCONFIGURED

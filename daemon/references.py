@@ -121,17 +121,17 @@ class LinePath:
     def __init__(self, rotation: Array, translation: Array, goal: pin.SE3, duration: float):
         """From `rotation` (3, 3) and `translation` (3,) m to `goal`, world frame, in `duration` s."""
         self.length = duration
-        self._rotation, self._translation = rotation, translation
-        self._shift = goal.translation - translation
-        self._turn = pin.log3(rotation.T @ goal.rotation)
+        self.rotation, self.translation = rotation, translation
+        self.shift = goal.translation - translation
+        self.turn = pin.log3(rotation.T @ goal.rotation)
 
     def evaluate(self, s: float) -> tuple[Array, Array, Array, Array]:
         """(rotation (3, 3), translation (3,) m, linear (3,) m/s, angular (3,) rad/s): velocities by s, world axes."""
         u = min(max(s / self.length, 0.0), 1.0)
         share = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         slope = 30.0 * u * u * (1.0 - u) ** 2 / self.length
-        rotation = self._rotation @ pin.exp3(share * self._turn)
-        return rotation, self._translation + share * self._shift, slope * self._shift, rotation @ (slope * self._turn)
+        rotation = self.rotation @ pin.exp3(share * self.turn)
+        return rotation, self.translation + share * self.shift, slope * self.shift, rotation @ (slope * self.turn)
 
 
 def fade(elapsed: float, duration: float) -> float:

@@ -79,12 +79,14 @@ def _robot() -> None:
 
 
 def _whole_body() -> None:
+    from daemon.wbc import moving
     from daemon.wbc.hierarchy import WholeBody
     from daemon.wbc.model import WholeBodyModel
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
 
     WholeBody(WholeBodyModel.of(Kinematics(robots.load(ROBOT))), []).warm_up()
+    moving.warm_up(1)
 
 
 def _planner() -> None:

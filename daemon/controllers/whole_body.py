@@ -11,11 +11,12 @@ import pinocchio as pin
 from daemon.controllers.base import Array, Gains, MotionController
 from daemon.references import HermitePath, LinePath, PathClock
 from daemon.robot_state import RobotState
+from daemon.wbc import moving
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.impedance import ImpedanceOutput
 from daemon.wbc.model import WholeBodyModel
-from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leash, Reference, StreamedPose
+from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, Reference, StreamedPose
 from daemon.wbc.tasks import SE3, CartPos, QuaternionOrientation
 from hal.joint import JointCommand, Mode
 from handrail import messages as m
@@ -48,15 +49,19 @@ class WholeBodyControl(MotionController):
         self._compound, self._model = compound, model
         self.body: WholeBody = compound.on(model)
         self.body.warm_up()
+        moving.warm_up(n)
         self.clock = PathClock(motion.duration or _longest(motion.references), period)
-        self._output = ImpedanceOutput(n, period)
-        self._set_points = np.zeros((5, n))
-        self._set_points[3], self._set_points[4] = motion.stiffness * gains.stiffness, motion.damping * gains.damping
+        self._output = ImpedanceOutput(n, period, rows=model.rows)
+        self._drives = np.array((motion.stiffness * gains.stiffness, motion.damping * gains.damping))
         self._references: list[Reference] = []
-        self._leashes: dict[str, Leash] = {}
         self._streams: dict[str, StreamedPose] = {}
         tasks = [task for level in compound.levels for task in level]
-        self._by_frame = {task.frame: task for task in tasks if isinstance(task, CartPos | SE3)}
+        framed = [task for task in tasks if isinstance(task, CartPos | QuaternionOrientation | SE3)]
+        self._handles = [self.body[task.title] for task in framed]
+        self._leashes = Leashes(self.body, [], REACH, TURN)
+        self._by_frame = {
+            task.frame: (place, task) for place, task in enumerate(framed) if isinstance(task, CartPos | SE3)
+        }
         self._unsolved = 0
 
     @property
@@ -69,32 +74,23 @@ class WholeBodyControl(MotionController):
         self._model.place(last.position, np.zeros(len(last.position)))
         self.body.start_here()
         self._references = [self._reference(reference, robot, last) for reference in self._motion.references]
-        self._leashes = {
-            task.title: Leash(self.body[task.title], REACH, TURN)
-            for level in self._compound.levels
-            for task in level
-            if isinstance(task, CartPos | QuaternionOrientation | SE3)
-        }
+        self._leashes = Leashes(self.body, self._handles, REACH, TURN)
         self._output.start(last.position, last.velocity)
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
         self.clock.advance()
-        for leash in self._leashes.values():
-            leash.give()
+        self._leashes.give()
         for reference in self._references:
             reference.advance()
-        for leash in self._leashes.values():
-            leash.take()
-        position, velocity, model = robot.joints.position, robot.joints.velocity, self._model
-        model.place(position, velocity)
+        self._leashes.take()
+        joints, model, output = robot.joints, self._model, self._output
+        model.place(joints.position, joints.velocity)
         result = self.body.solve()
         self._unsolved = 0 if result.solved else self._unsolved + 1
-        output = self._output
-        output.advance(result.acceleration[model.rows], position, velocity)
-        table = self._set_points
-        table[0], table[1], table[2] = output.position, output.velocity, result.torque[model.rows]
-        out.table[:] = table
-        out.mode[:] = _IMPEDANCE
+        output.advance(result.acceleration, joints.position, joints.velocity)
+        moving.set_points(
+            output.desired, result.torque, model.rows, self._drives, self.joints, _IMPEDANCE, out.table, out.mode
+        )
 
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
         stream = self._streams.get(task)
@@ -102,10 +98,10 @@ class WholeBodyControl(MotionController):
 
     def lag(self, robot: RobotState, frame: str) -> Array:
         """Of a frame that a task brings somewhere, that task's reference minus where it is measured."""
-        task = self._by_frame.get(frame)
-        if task is None:
+        if frame not in self._by_frame:
             return super().lag(robot, frame)
-        return self._model.frame(task.relative_to).rotation @ self._leashes[task.title].off
+        place, task = self._by_frame[frame]
+        return self._model.frame(task.relative_to).rotation @ self._leashes.off(place)
 
     def _reference(self, reference: m.Reference, robot: RobotState, last: JointCommand) -> Reference:
         handle = self.body[reference.task]

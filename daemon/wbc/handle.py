@@ -8,7 +8,7 @@ import numpy as np
 
 from daemon.wbc import layout as at
 from daemon.wbc.layout import Kind
-from daemon.wbc.memory import Array
+from daemon.wbc.memory import Array, Integers
 from daemon.wbc.parameters import Entry
 from daemon.wbc.tasks import Quaternion, rotation
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 class Handle:
-    """One task of a WholeBody. What is written here counts from the next cycle on."""
+    """One task of a WholeBody. What is written here counts from the next cycle on. `number`: in the plan."""
 
     def __init__(self, body: WholeBody, number: int, made: Entry):
-        self._body, self._number, self._kind, self._entry = body, number, made.kind, made
+        self._body, self.number, self._kind, self._entry = body, number, made.kind, made
         memory = body.memory
         self.parameters: Array = memory["parameters"][number]
         """of the kernels: see layout.py"""
@@ -36,11 +36,11 @@ class Handle:
     @property
     def on(self) -> bool:
         """It takes part."""
-        return bool(self._body.plan[self._number, at.ON])
+        return bool(self._body.plan[self.number, at.ON])
 
     @on.setter
     def on(self, value: bool) -> None:
-        self._body.plan[self._number, at.ON] = value
+        self._body.plan[self.number, at.ON] = value
 
     @property
     def error(self) -> Array:
@@ -73,6 +73,11 @@ class Handle:
         if acceleration is not None:
             p[at.REF_A : at.REF_A + 6] = acceleration
 
+    @property
+    def joint_rows(self) -> Integers:
+        """Columns of `posture` of the model's `joints` (n,)."""
+        return self._body.model.rows
+
     def joints(self, position: Array, velocity: Array | None = None, acceleration: Array | None = None) -> None:
         """Of a JPos: (n,) in the order of the model's `joints`."""
         rows = self._body.model.rows
@@ -89,21 +94,21 @@ class Handle:
 
     def force(self) -> Array:
         """Of a contact or a Wrench: what the world exerts there on the robot, its coordinates of the last solution."""
-        first = int(self._body.plan[self._number, at.FORCE_FIRST])
+        first = int(self._body.plan[self.number, at.FORCE_FIRST])
         return self._body.result.force[first : first + self._entry.force_axes.bit_count()]
 
     def residual(self) -> Array:
         """J x − a of the last solution (count,), in the task's own units; a posture's as q̈ − q̈*."""
         body = self._body
-        plan = body.plan[self._number]
+        plan = body.plan[self.number]
         x = np.concatenate((body.result.acceleration, body.result.force[: int(body.sizes[at.NF])]))
         if self._kind == Kind.POSTURE and plan[at.COUNT] == 0:
             p, state = self.posture, body.model.state
             wanted = p[2] + p[4] * (p[1] - state[1]) + p[3] * (p[0] - state[0])
             return (x[: body.model.nv] - wanted)[p[5] > 0.0]
         rows, wanted = np.zeros((plan[at.COUNT], len(x))), np.zeros(plan[at.COUNT])
-        body.task_rows(self._number, rows, wanted)
+        body.task_rows(self.number, rows, wanted)
         return rows @ x - wanted
 
     def __repr__(self) -> str:
-        return f"Handle({self._kind.name} {self._number}, on={self.on})"
+        return f"Handle({self._kind.name} {self.number}, on={self.on})"

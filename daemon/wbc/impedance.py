@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.wbc.memory import Array
+from daemon.wbc import moving
+from daemon.wbc.memory import Array, Integers
 
 
 class ImpedanceOutput:
@@ -16,12 +17,17 @@ class ImpedanceOutput:
     what the last two say; `within` bounds q_d − q, so that they never say more than it times K.
     """
 
-    def __init__(self, joints: int, period: float, *, leak: float = 20.0, within: float = 0.05):
-        """`period` s of the loop; `within` rad. Raises ValueError for a leak that the period is too long for."""
+    def __init__(
+        self, joints: int, period: float, *, leak: float = 20.0, within: float = 0.05, rows: Integers | None = None
+    ):
+        """`period` s of the loop; `within` rad; `rows` (joints,): where the joints are among the solver's accelerations
+        (none: just so). Raises ValueError for a leak that the period is too long for."""
         if not 0.0 <= leak * period < 1.0:
             raise ValueError(f"leak: got {leak:g} 1/s at a period of {period:g} s; expected their product from 0 to 1")
-        self._period, self._leak, self._within = period, leak, within
-        self.position, self.velocity = np.zeros(joints), np.zeros(joints)
+        self._rows: Integers = np.arange(joints) if rows is None else rows
+        self._settings = period, leak, within
+        self.desired = np.zeros((2, joints))
+        self.position, self.velocity = self.desired
         """rad, rad/s (n,): desired"""
 
     def start(self, position: Array, velocity: Array) -> None:
@@ -29,10 +35,5 @@ class ImpedanceOutput:
         self.position[:], self.velocity[:] = position, velocity
 
     def advance(self, acceleration: Array, position: Array, velocity: Array) -> None:
-        """One period on: q̈ (n,) of the solver, the measured position and velocity (n,). What is not finite changes nothing."""
-        step = self._period * (acceleration + self._leak * (velocity - self.velocity))
-        if not np.isfinite(step).all() or not np.isfinite(position).all():
-            return
-        self.velocity += step
-        self.position += self._period * (self.velocity + self._leak * (position - self.position))
-        np.clip(self.position, position - self._within, position + self._within, out=self.position)
+        """One period on: q̈ of the solver, the measured position and velocity (n,). What is not finite changes nothing."""
+        moving.lead(self.desired, acceleration, self._rows, position, velocity, *self._settings)

@@ -18,7 +18,8 @@ from numba import njit
 
 from daemon.wbc import layout as at
 from daemon.wbc.memory import copy, fill, line, matrix, vector
-from daemon.wbc.rows import FAST, bounded_rows, force_rows, posture_accelerations, task_rows
+from daemon.wbc.rows import bounded_rows, force_rows, posture_accelerations, task_rows
+from daemon.wbc.vectors import FAST
 from handrail.compiled import compiled
 
 SINGULAR, SINGULAR_AT_BOUNDS = 5e-3, 1e-6

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.wbc.memory import Array, Integers, Memory
+from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
@@ -56,7 +57,6 @@ class WholeBodyModel:
         self.base = FREE_BASE if self.free else 0
         """velocities before the first joint's"""
         self.rows: Integers = np.array([model.idx_vs[model.getJointId(name)] for name in self.joints], np.int64)
-        self._q_rows = self.rows + (self.nq - self.nv)
         self.mass = float(pin.computeTotalMass(model))
         """kg"""
         self.q, self.v = pin.neutral(model), np.zeros(self.nv)
@@ -70,7 +70,7 @@ class WholeBodyModel:
         self._frames: dict[str, int] = {}
         self.state = np.zeros((2, self.nv))
         """position and velocity (2, nv) as of the last pass; a free base has no position here"""
-        self._update()
+        self.update(self.q, self.v)
 
     @classmethod
     def of(cls, kinematics: Kinematics, *, free: bool = False) -> WholeBodyModel:
@@ -92,21 +92,21 @@ class WholeBodyModel:
 
         A free base's `base_pose` is x y z, quaternion x y z w; `base_twist` linear, angular, in the base's own axes.
         """
-        self.q[self._q_rows], self.v[self.rows] = position, velocity
+        _put(position, velocity, self.rows, self.nq - self.nv, self.q, self.v, self.state)
         if self.free and base_pose is not None:
             self.q[:7] = base_pose
         if self.free and base_twist is not None:
-            self.v[:6] = base_twist
-        self._update()
+            self.v[:6] = self.state[1, :6] = base_twist
+        self._pass()
 
     def update(self, q: Array, v: Array) -> None:
         """Take a state in pinocchio's own arrays, q (nq,), v (nv,), and make the pass."""
         self.q[:], self.v[:] = q, v
-        self._update()
-
-    def _update(self) -> None:
         self.state[0, self.base :] = self.q[self.nq - self.nv + self.base :]
         self.state[1] = self.v
+        self._pass()
+
+    def _pass(self) -> None:
         pin.crba(self.model, self.data, self.q, _WORLD)
         pin.nonLinearEffects(self.model, self.data, self.q, self.v)
 
@@ -171,6 +171,15 @@ class WholeBodyModel:
         memory.put("force", _spatial(data.f, n))
         memory.put("com", np.asarray(data.oYcrb[0].lever).reshape(1, 3))
         memory.put("state", self.state)
+
+
+@compiled
+def _put(position, velocity, rows, ahead, q, v, state):  # type: ignore[no-untyped-def]
+    """Joints' state into q (nq,), v (nv,) and `state` (2, nv); `ahead`: coordinates that q has more than v before a joint's."""
+    for i in range(rows.shape[0]):
+        c = rows[i]
+        q[c + ahead] = state[0, c] = position[i]
+        v[c] = state[1, c] = velocity[i]
 
 
 def _with_frames_of_one_name_each(model: pin.Model) -> pin.Model:

@@ -2,17 +2,21 @@
 
 Trajectories are daemon.references' paths over a path parameter s, with its rate ṡ from the clock that may be slowed down:
 ẋ_d = x' ṡ, ẍ_d = (ẋ_d − the last cycle's) / T. One clock may move several references: then whoever made it moves it on.
+
+Each is one kernel a cycle (moving.py): small arrays cost numpy more than the work on them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-import pinocchio as pin
 
 from daemon.references import HermitePath, LinePath, PathClock
+from daemon.wbc import moving
 from daemon.wbc.handle import Handle
+from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.memory import Array
 from daemon.wbc.tasks import rotation as rotation_of
 
@@ -31,16 +35,15 @@ class FrameTrajectory:
         """`period`: of the loop, s; `clock`: shared with others; none: one of its own."""
         self._own = clock is None
         self.clock = PathClock(path.length, period) if clock is None else clock
-        self._handle, self._path, self._period = handle, path, period
-        self._velocity = np.zeros(6)
+        self._parameters = handle.parameters
+        start = (path.rotation.ravel(), path.translation, path.shift, path.turn)
+        self._state = np.concatenate((*start, np.zeros(6), (path.length, period)))
 
     def advance(self) -> None:
+        clock = self.clock
         if self._own:
-            self.clock.advance()
-        rotation, translation, linear, angular = self._path.evaluate(self.clock.s)
-        velocity = np.concatenate((linear, angular)) * self.clock.rate
-        self._handle.pose(translation, rotation, velocity, (velocity - self._velocity) / self._period)
-        self._velocity = velocity
+            clock.advance()
+        moving.follow_line(self._state, clock.s, clock.rate, self._parameters)
 
 
 class JointTrajectory:
@@ -50,16 +53,17 @@ class JointTrajectory:
         """`joints`: how many, in the order of the model's; `period`: of the loop, s; `clock`: as of a FrameTrajectory."""
         self._own = clock is None
         self.clock = PathClock(path.length, period) if clock is None else clock
-        self._handle, self._path, self._period = handle, path, period
-        self._position, self._velocity, self._last = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+        self._path, self._period, self._posture, self._rows = path, period, handle.posture, handle.joint_rows
+        self._followed = np.zeros((3, joints))
+        self._position, self._velocity = self._followed[:2]
 
     def advance(self) -> None:
+        clock, path = self.clock, self._path
         if self._own:
-            self.clock.advance()
-        self._path.evaluate(self.clock.s, self._position, self._velocity)
-        self._velocity *= self.clock.rate if self.clock.s < self._path.length else 0.0
-        self._handle.joints(self._position, self._velocity, (self._velocity - self._last) / self._period)
-        self._last[:] = self._velocity
+            clock.advance()
+        path.evaluate(clock.s, self._position, self._velocity)
+        rate = clock.rate if clock.s < path.length else 0.0
+        moving.follow_knots(self._followed, rate, self._period, self._rows, self._posture)
 
 
 class StreamedPose:
@@ -82,17 +86,16 @@ class StreamedPose:
         clock: PathClock | None = None,
     ):
         """`period` s of the loop; `stale`, `settle` s; `speed` m/s; `turn` rad/s."""
-        self._handle, self._period, self._stale, self._clock = handle, period, stale, clock
-        self._gain, self._speed, self._turn = 1.0 / max(settle, period), speed, turn
+        self._parameters, self._clock = handle.parameters, clock
         position, rotation = handle.reference
-        self._reference = position.copy(), rotation.copy()
-        self._sent = position.copy(), rotation.copy()
-        self._velocity, self._age = np.zeros(6), 0.0
+        settings = (period, stale, 1.0 / max(settle, period), speed, turn)
+        pose = (position, rotation.ravel())
+        self._state = np.concatenate((*pose, *pose, np.zeros(7), settings))
 
     @property
     def silent(self) -> bool:
         """Nothing has come for longer than `stale` s."""
-        return self._age > self._stale
+        return bool(self._state[moving.AGE] > self._state[moving.STALE])
 
     def receive(
         self, position: Array | None = None, rotation: Array | None = None, velocity: Array | None = None
@@ -102,71 +105,45 @@ class StreamedPose:
         parts = [part for part in (position, rotation, velocity) if part is not None]
         if not all(np.isfinite(part).all() for part in parts):
             return False
+        state = self._state
         if position is not None:
-            self._sent[0][:] = position
+            state[moving.SENT_P : moving.SENT_P + 3] = position
         if rotation is not None:
             turned = np.asarray(rotation, float)
-            self._sent[1][:] = rotation_of((turned[0], turned[1], turned[2], turned[3])) if turned.size == 4 else turned
-        self._velocity, self._age = np.zeros(6) if velocity is None else np.array(velocity, float), 0.0
+            if turned.size == 4:
+                turned = rotation_of((turned[0], turned[1], turned[2], turned[3]))
+            state[moving.SENT_R : moving.SENT_R + 9] = turned.ravel()
+        state[moving.SENT_V : moving.SENT_V + 6] = 0.0 if velocity is None else velocity
+        state[moving.AGE] = 0.0
         return True
 
     def advance(self) -> None:
-        period, rate = self._period, 1.0 if self._clock is None else self._clock.rate
-        self._age += period
-        if self.silent:
-            self._velocity[:] = 0.0
-        position, rotation = self._sent
-        position += self._velocity[:3] * period
-        rotation[:] = pin.exp3(self._velocity[3:] * period) @ rotation
-        here, turned = self._reference
-        linear = _at_most(self._velocity[:3] + self._gain * (position - here), self._speed) * rate
-        angular = _at_most(self._velocity[3:] + self._gain * pin.log3(rotation @ turned.T), self._turn) * rate
-        here += linear * period
-        turned[:] = pin.exp3(angular * period) @ turned
-        self._handle.pose(here, turned, np.concatenate((linear, angular)))
+        moving.follow_stream(self._state, 1.0 if self._clock is None else self._clock.rate, self._parameters)
 
 
-class Leash:
-    """Keeps a frame's reference within reach of where the frame was measured in the cycle before, whoever moves it.
+class Leashes:
+    """Keep the references of frames within reach of where each frame was measured in the cycle before, whoever moves them.
 
     A task that can't be met (something is in the way, the arm is stretched) otherwise asks for K times a distance that grows
     without end, drives go from bound to bound, and the frame shoots off when it comes free. `give` before the references
     advance, `take` after.
     """
 
-    def __init__(self, handle: Handle, reach: float, turn: float):
-        """`reach` m, `turn` rad."""
+    def __init__(self, body: WholeBody, handles: Sequence[Handle], reach: float, turn: float):
+        """`handles`: of these tasks of `body`; `reach` m, `turn` rad."""
+        self._parameters = body.memory["parameters"]
+        self._tasks = np.array([handle.number for handle in handles], np.int64)
+        self._kept = np.zeros((len(handles), moving.LEASH))
         self._reach, self._turn = reach, turn
-        self._position, self._rotation = handle.reference
-        self._wanted = self._position.copy(), self._rotation.copy()
-        self._error = handle.error
-        self.off = np.zeros(3)
-        """(3,) m: what is wanted minus what was measured, on the task's axes"""
-        self._short = False
 
     def give(self) -> None:
-        """Put back the reference as it was wanted."""
-        self._position_measured = self._position - self._error[:3]
-        self._turn_measured = self._error[3:].copy()
-        self._rotation_used = self._rotation.copy()
-        if self._short:
-            self._position[:], self._rotation[:] = self._wanted
+        """Put back the references as they were wanted."""
+        moving.give(self._parameters, self._tasks, self._kept)
 
     def take(self) -> None:
-        """Shorten it."""
-        self.off = self._position - self._position_measured
-        here = pin.exp3(-self._turn_measured) @ self._rotation_used
-        turn = pin.log3(self._rotation @ here.T)
-        far, wide = float(np.linalg.norm(self.off)), float(np.linalg.norm(turn))
-        self._short = far > self._reach or wide > self._turn
-        if self._short:
-            self._wanted[0][:], self._wanted[1][:] = self._position, self._rotation
-            if far > self._reach:
-                self._position[:] = self._position_measured + self.off * (self._reach / far)
-            if wide > self._turn:
-                self._rotation[:] = pin.exp3(turn * (self._turn / wide)) @ here
+        """Shorten them."""
+        moving.take(self._parameters, self._tasks, self._kept, self._reach, self._turn)
 
-
-def _at_most(vector: Array, most: float) -> Array:
-    size = float(np.linalg.norm(vector))
-    return vector if size <= most else vector * (most / size)
+    def off(self, place: int) -> Array:
+        """(3,) m, of the frame at this place of the list: what is wanted minus what was measured, on the task's axes."""
+        return self._kept[place, moving.OFF : moving.OFF + 3]

@@ -1,7 +1,7 @@
 """Compiled: what each kind of task asks of x = (q̈, f), as rows and wanted values, from pinocchio's memory.
 
-Vectors are tuples of three, rotations of nine by rows: compiled they cost nothing. The equations stand at the tasks (tasks.py) and
-constraints (constraints.py) that these rows are of. `plan` and `support` are as in layout.py and model.py.
+The equations stand at the tasks (tasks.py) and constraints (constraints.py) that these rows are of.
+`plan` and `support` are as in layout.py and model.py.
 """
 
 from __future__ import annotations
@@ -13,115 +13,23 @@ from numba import njit
 
 from daemon.wbc import layout as at
 from daemon.wbc.memory import fill, line, matrix, vector
+from daemon.wbc.vectors import (
+    FAST,
+    add,
+    by_columns,
+    cross,
+    dot,
+    minus,
+    nine,
+    product,
+    rotate,
+    rotate_back,
+    rotation_vector,
+    three,
+    times,
+    transposed,
+)
 from handrail.compiled import compiled
-
-FAST = {"contract", "reassoc", "arcp", "nsz"}
-"""what the compiler may assume of floats: anything but that they are finite"""
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _cross(a, b):  # type: ignore[no-untyped-def]
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _dot(a, b):  # type: ignore[no-untyped-def]
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _add(a, b):  # type: ignore[no-untyped-def]
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _minus(a, b):  # type: ignore[no-untyped-def]
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _times(s, a):  # type: ignore[no-untyped-def]
-    return (s * a[0], s * a[1], s * a[2])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _turn(r, a):  # type: ignore[no-untyped-def]
-    """R a"""
-    return (
-        r[0] * a[0] + r[1] * a[1] + r[2] * a[2],
-        r[3] * a[0] + r[4] * a[1] + r[5] * a[2],
-        r[6] * a[0] + r[7] * a[1] + r[8] * a[2],
-    )
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _turn_back(r, a):  # type: ignore[no-untyped-def]
-    """Rᵀ a"""
-    return (
-        r[0] * a[0] + r[3] * a[1] + r[6] * a[2],
-        r[1] * a[0] + r[4] * a[1] + r[7] * a[2],
-        r[2] * a[0] + r[5] * a[1] + r[8] * a[2],
-    )
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _product(a, b):  # type: ignore[no-untyped-def]
-    """A B"""
-    x = _turn(a, (b[0], b[3], b[6]))
-    y = _turn(a, (b[1], b[4], b[7]))
-    z = _turn(a, (b[2], b[5], b[8]))
-    return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _transposed(a):  # type: ignore[no-untyped-def]
-    return (a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _three(row, first):  # type: ignore[no-untyped-def]
-    return (row[first], row[first + 1], row[first + 2])
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _nine(row, first):  # type: ignore[no-untyped-def]
-    return (
-        row[first], row[first + 1], row[first + 2], row[first + 3], row[first + 4],
-        row[first + 5], row[first + 6], row[first + 7], row[first + 8],
-    )  # fmt: skip
-
-
-@njit(fastmath=FAST, error_model="numpy")
-def _by_columns(row):  # type: ignore[no-untyped-def]
-    """A rotation from pinocchio's memory."""
-    return (row[0], row[3], row[6], row[1], row[4], row[7], row[2], row[5], row[8])
-
-
-@njit
-def rotation_vector(r):  # type: ignore[no-untyped-def]
-    """log(R) (3,) rad, for every angle up to π.
-
-    Up to a quarter turn from R − Rᵀ, beyond it from the quaternion by Shepperd's largest component: near π the former vanishes.
-    """
-    trace = r[0] + r[4] + r[8]
-    skew = (0.5 * (r[7] - r[5]), 0.5 * (r[2] - r[6]), 0.5 * (r[3] - r[1]))
-    if trace > 1.0:
-        sine = math.sqrt(_dot(skew, skew))
-        angle = math.atan2(sine, 0.5 * (trace - 1.0))
-        return _times(angle / sine if sine > 1e-9 else 1.0, skew)
-    if r[0] >= r[4] and r[0] >= r[8]:
-        axis = (1.0 + r[0] - r[4] - r[8], r[1] + r[3], r[2] + r[6])
-        w = r[7] - r[5]
-    elif r[4] >= r[8]:
-        axis = (r[1] + r[3], 1.0 - r[0] + r[4] - r[8], r[5] + r[7])
-        w = r[2] - r[6]
-    else:
-        axis = (r[2] + r[6], r[5] + r[7], 1.0 - r[0] - r[4] + r[8])
-        w = r[3] - r[1]
-    length = math.sqrt(_dot(axis, axis))
-    if w < 0.0:
-        length, w = -length, -w
-    return _times(2.0 * math.atan2(abs(length), w) / length, axis)
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -132,27 +40,27 @@ def _point(table, joint, p):  # type: ignore[no-untyped-def]
     """
     place = line(table, at.PLACEMENT, joint)
     twist, drift = line(table, at.VELOCITY, joint), line(table, at.DRIFT, joint)
-    r = _by_columns(place)
-    v, w = _three(twist, 0), _three(twist, 3)
-    a, alpha = _three(drift, 0), _three(drift, 3)
-    moved = _add(v, _cross(w, p))
-    local = _add(a, _add(_cross(alpha, p), _cross(w, moved)))
-    acceleration = _turn(r, local)
+    r = by_columns(place)
+    v, w = three(twist, 0), three(twist, 3)
+    a, alpha = three(drift, 0), three(drift, 3)
+    moved = add(v, cross(w, p))
+    local = add(a, add(cross(alpha, p), cross(w, moved)))
+    acceleration = rotate(r, local)
     gravity = vector(table, at.SETTINGS)[at.GRAVITY_Z]
     return (
         r,
-        _add(_three(place, 9), _turn(r, p)),
-        _turn(r, moved),
+        add(three(place, 9), rotate(r, p)),
+        rotate(r, moved),
         (acceleration[0], acceleration[1], acceleration[2] + gravity),
-        _turn(r, w),
-        _turn(r, alpha),
+        rotate(r, w),
+        rotate(r, alpha),
     )
 
 
 @njit(fastmath=FAST, error_model="numpy")
 def _linear_row(jacobian, support, joint, point, axis, sign, row):  # type: ignore[no-untyped-def]
     """row += sign · axisᵀ ∂(velocity of the body's point at `point`)/∂v"""
-    moment = _cross(point, axis)
+    moment = cross(point, axis)
     for s in range(1, support[joint, 0] + 1):
         c = support[joint, s]
         row[c] += sign * (
@@ -178,23 +86,23 @@ def _pose_rows(table, plan, support, k, rows, wanted, first):  # type: ignore[no
     """A frame's pose in another frame (0: the world), its axes; the mask says which of x y z and the rotation vector's."""
     jacobian, task = matrix(table, at.JACOBIAN), line(table, at.PARAMETERS, k)
     joint, base, mask = plan[k, at.JOINT], plan[k, at.BASE_JOINT], plan[k, at.MASK]
-    r, p, v, a, w, alpha = _point(table, joint, _three(task, at.FRAME_P))
-    r = _product(r, _nine(task, at.FRAME_R))
-    axes, origin = _nine(task, at.BASE_R), _three(task, at.BASE_P)
+    r, p, v, a, w, alpha = _point(table, joint, three(task, at.FRAME_P))
+    r = product(r, nine(task, at.FRAME_R))
+    axes, origin = nine(task, at.BASE_R), three(task, at.BASE_P)
     velocity, drift, spin, spin_drift = v, a, w, alpha
     if base:
         rb, origin, vb, ab, wb, alpha_b = _point(table, base, origin)
-        axes = _product(rb, axes)
-        arm = _minus(p, origin)
-        velocity = _minus(_minus(v, vb), _cross(wb, arm))
-        drift = _minus(_minus(a, ab), _cross(alpha_b, arm))
-        drift = _minus(drift, _cross(wb, _add(_cross(wb, arm), _times(2.0, velocity))))
-        spin = _minus(w, wb)
-        spin_drift = _minus(_minus(alpha, alpha_b), _cross(wb, spin))
+        axes = product(rb, axes)
+        arm = minus(p, origin)
+        velocity = minus(minus(v, vb), cross(wb, arm))
+        drift = minus(minus(a, ab), cross(alpha_b, arm))
+        drift = minus(drift, cross(wb, add(cross(wb, arm), times(2.0, velocity))))
+        spin = minus(w, wb)
+        spin_drift = minus(minus(alpha, alpha_b), cross(wb, spin))
     at_row = first
     if mask & 7:
-        here = _turn_back(axes, _minus(p, origin))
-        velocity, drift = _turn_back(axes, velocity), _turn_back(axes, drift)
+        here = rotate_back(axes, minus(p, origin))
+        velocity, drift = rotate_back(axes, velocity), rotate_back(axes, drift)
         for i in range(3):
             if mask & (1 << i):
                 axis = (axes[i], axes[3 + i], axes[6 + i])
@@ -213,9 +121,9 @@ def _pose_rows(table, plan, support, k, rows, wanted, first):  # type: ignore[no
                 )
                 at_row += 1
     if mask & 56:
-        relative = _product(_transposed(axes), r)
-        turn = rotation_vector(_product(_nine(task, at.REF_R), _transposed(relative)))
-        spin, spin_drift = _turn_back(axes, spin), _turn_back(axes, spin_drift)
+        relative = product(transposed(axes), r)
+        turn = rotation_vector(product(nine(task, at.REF_R), transposed(relative)))
+        spin, spin_drift = rotate_back(axes, spin), rotate_back(axes, spin_drift)
         for i in range(3):
             if mask & (8 << i):
                 axis = (axes[i], axes[3 + i], axes[6 + i])
@@ -243,11 +151,11 @@ def _com_state(table, roots):  # type: ignore[no-untyped-def]
     least = 1.0 / settings[at.MASS_TOTAL]
     velocity, total = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for c in range(v.shape[0]):
-        velocity = _add(velocity, _times(v[c] * least, _three(momentum[c], 0)))
+        velocity = add(velocity, times(v[c] * least, three(momentum[c], 0)))
     for j in roots:
-        total = _add(total, _turn(_by_columns(place[j]), _three(force[j], 0)))
+        total = add(total, rotate(by_columns(place[j]), three(force[j], 0)))
     return (
-        _three(vector(table, at.COM), 0),
+        three(vector(table, at.COM), 0),
         velocity,
         (total[0] * least, total[1] * least, total[2] * least + settings[at.GRAVITY_Z]),
     )
@@ -280,53 +188,53 @@ def _com_rows(table, plan, roots, k, rows, wanted, first):  # type: ignore[no-un
 def _gaze_rows(table, plan, support, k, rows, wanted, first):  # type: ignore[no-untyped-def]
     task, jacobian = line(table, at.PARAMETERS, k), matrix(table, at.JACOBIAN)
     joint, base = plan[k, at.JOINT], plan[k, at.BASE_JOINT]
-    r, p, v, a, w, alpha = _point(table, joint, _three(task, at.FRAME_P))
-    local = _add(_three(task, at.BASE_P), _turn(_nine(task, at.BASE_R), _three(task, at.REF_P)))
-    target, target_v, target_a = local, _three(task, at.REF_V), _three(task, at.REF_A)
+    r, p, v, a, w, alpha = _point(table, joint, three(task, at.FRAME_P))
+    local = add(three(task, at.BASE_P), rotate(nine(task, at.BASE_R), three(task, at.REF_P)))
+    target, target_v, target_a = local, three(task, at.REF_V), three(task, at.REF_A)
     if base:
         _, target, target_v, target_a, _, _ = _point(table, base, local)
-    sight = _minus(target, p)
-    distance = max(math.sqrt(_dot(sight, sight)), 1e-3)
-    toward = _times(1.0 / distance, sight)
-    swing_v, swing_a = _minus(target_v, v), _minus(target_a, a)
+    sight = minus(target, p)
+    distance = max(math.sqrt(dot(sight, sight)), 1e-3)
+    toward = times(1.0 / distance, sight)
+    swing_v, swing_a = minus(target_v, v), minus(target_a, a)
     # The line of sight turns by ω_d = d × ḋ, with ρ ḋ the part of the target's velocity across it.
-    swing = _times(1.0 / distance, _cross(toward, swing_v))
-    closing = _dot(toward, swing_v)
-    swing_drift = _times(1.0 / distance, _minus(_cross(toward, swing_a), _times(2.0 * closing, swing)))
-    axis = _turn(r, _three(task, at.EXTRA))
-    side = _cross(axis, toward)
-    sine = math.sqrt(_dot(side, side))
-    angle = math.atan2(sine, _dot(axis, toward))
+    swing = times(1.0 / distance, cross(toward, swing_v))
+    closing = dot(toward, swing_v)
+    swing_drift = times(1.0 / distance, minus(cross(toward, swing_a), times(2.0 * closing, swing)))
+    axis = rotate(r, three(task, at.EXTRA))
+    side = cross(axis, toward)
+    sine = math.sqrt(dot(side, side))
+    angle = math.atan2(sine, dot(axis, toward))
     for i in range(2):
-        across = _turn(r, _three(task, at.EXTRA + 3 + 3 * i))
-        error = angle / sine * _dot(across, side) if sine > 1e-9 else (angle if i == 0 else 0.0)
+        across = rotate(r, three(task, at.EXTRA + 3 + 3 * i))
+        error = angle / sine * dot(across, side) if sine > 1e-9 else (angle if i == 0 else 0.0)
         task[at.ERROR + i] = error
         row = rows[first + i]
         fill(row, 0.0)
         # (ω + d × v / ρ) · across: turning the axis, and moving the eye.
-        lever = _times(1.0 / distance, _cross(across, toward))
+        lever = times(1.0 / distance, cross(across, toward))
         _angular_row(jacobian, support, joint, across, 1.0, row)
         _linear_row(jacobian, support, joint, p, lever, 1.0, row)
         if base:
             _linear_row(jacobian, support, base, target, lever, -1.0, row)
-        rate = _dot(across, _minus(w, swing))
-        turned = _dot(_cross(w, across), swing)
-        wanted[first + i] = task[at.KP] * error - task[at.KD] * rate - _dot(across, _minus(alpha, swing_drift)) + turned
+        rate = dot(across, minus(w, swing))
+        turned = dot(cross(w, across), swing)
+        wanted[first + i] = task[at.KP] * error - task[at.KD] * rate - dot(across, minus(alpha, swing_drift)) + turned
 
 
 @njit(fastmath=FAST, error_model="numpy")
 def nearest(a0, a1, b0, b1):  # type: ignore[no-untyped-def]
     """Nearest points of two segments, as shares of the way from a0 to a1 and from b0 to b1 (Ericson 2005, §5.1.9)."""
-    u, v, r = _minus(a1, a0), _minus(b1, b0), _minus(a0, b0)
-    uu, vv, vr = _dot(u, u), _dot(v, v), _dot(v, r)
+    u, v, r = minus(a1, a0), minus(b1, b0), minus(a0, b0)
+    uu, vv, vr = dot(u, u), dot(v, v), dot(v, r)
     if uu < 1e-12 and vv < 1e-12:
         return 0.0, 0.0
     if uu < 1e-12:
         return 0.0, min(max(vr / vv, 0.0), 1.0)
-    ur = _dot(u, r)
+    ur = dot(u, r)
     if vv < 1e-12:
         return min(max(-ur / uu, 0.0), 1.0), 0.0
-    uv = _dot(u, v)
+    uv = dot(u, v)
     apart = uu * vv - uv * uv
     s = min(max((uv * vr - ur * vv) / apart, 0.0), 1.0) if apart > 1e-12 * uu * vv else 0.5
     t = (uv * s + vr) / vv
@@ -342,37 +250,37 @@ def _gap(table, plan, support, k, row):  # type: ignore[no-untyped-def]
     """(distance, its rate, its drift) between a capsule of a frame and one of another (or a plane); its row into `row`."""
     task, jacobian = line(table, at.PARAMETERS, k), matrix(table, at.JACOBIAN)
     joint, base = plan[k, at.JOINT], plan[k, at.BASE_JOINT]
-    ra, pa = _by_columns(line(table, at.PLACEMENT, joint)), _three(line(table, at.PLACEMENT, joint), 9)
-    rb, pb = _by_columns(line(table, at.PLACEMENT, base)), _three(line(table, at.PLACEMENT, base), 9)
-    la0, la1 = _three(task, at.EXTRA), _three(task, at.EXTRA + 3)
-    lb0, lb1 = _three(task, at.EXTRA + 6), _three(task, at.EXTRA + 9)
-    a0, a1 = _add(pa, _turn(ra, la0)), _add(pa, _turn(ra, la1))
-    b0, b1 = _add(pb, _turn(rb, lb0)), _add(pb, _turn(rb, lb1))
+    ra, pa = by_columns(line(table, at.PLACEMENT, joint)), three(line(table, at.PLACEMENT, joint), 9)
+    rb, pb = by_columns(line(table, at.PLACEMENT, base)), three(line(table, at.PLACEMENT, base), 9)
+    la0, la1 = three(task, at.EXTRA), three(task, at.EXTRA + 3)
+    lb0, lb1 = three(task, at.EXTRA + 6), three(task, at.EXTRA + 9)
+    a0, a1 = add(pa, rotate(ra, la0)), add(pa, rotate(ra, la1))
+    b0, b1 = add(pb, rotate(rb, lb0)), add(pb, rotate(rb, lb1))
     if plan[k, at.SLOT] == 1:  # a plane through b0, its normal from b0 to b1
-        normal = _minus(b1, b0)
-        low = _dot(normal, _minus(a0, b0)) <= _dot(normal, _minus(a1, b0))
+        normal = minus(b1, b0)
+        low = dot(normal, minus(a0, b0)) <= dot(normal, minus(a1, b0))
         s = 0.0 if low else 1.0
         near_a = a0 if low else a1
-        near_b = _minus(near_a, _times(_dot(normal, _minus(near_a, b0)), normal))
-        length = _dot(normal, _minus(near_a, b0))
+        near_b = minus(near_a, times(dot(normal, minus(near_a, b0)), normal))
+        length = dot(normal, minus(near_a, b0))
     else:
         s, t = nearest(a0, a1, b0, b1)
-        near_a, near_b = _add(a0, _times(s, _minus(a1, a0))), _add(b0, _times(t, _minus(b1, b0)))
-        apart = _minus(near_a, near_b)
-        length = math.sqrt(_dot(apart, apart))
-        normal = _times(1.0 / length, apart) if length > 1e-9 else (0.0, 0.0, 1.0)
-    _, _, va, aa, _, _ = _point(table, joint, _turn_back(ra, _minus(near_a, pa)))
-    _, _, vb, ab, _, _ = _point(table, base, _turn_back(rb, _minus(near_b, pb)))
-    apart_v = _minus(va, vb)
-    rate = _dot(normal, apart_v)
+        near_a, near_b = add(a0, times(s, minus(a1, a0))), add(b0, times(t, minus(b1, b0)))
+        apart = minus(near_a, near_b)
+        length = math.sqrt(dot(apart, apart))
+        normal = times(1.0 / length, apart) if length > 1e-9 else (0.0, 0.0, 1.0)
+    _, _, va, aa, _, _ = _point(table, joint, rotate_back(ra, minus(near_a, pa)))
+    _, _, vb, ab, _, _ = _point(table, base, rotate_back(rb, minus(near_b, pb)))
+    apart_v = minus(va, vb)
+    rate = dot(normal, apart_v)
     bend = 0.0
     if plan[k, at.SLOT] != 1:
-        bend = max(_dot(apart_v, apart_v) - rate * rate, 0.0) / max(length, 1e-2)
+        bend = max(dot(apart_v, apart_v) - rate * rate, 0.0) / max(length, 1e-2)
     fill(row, 0.0)
     _linear_row(jacobian, support, joint, near_a, normal, 1.0, row)
     if base:
         _linear_row(jacobian, support, base, near_b, normal, -1.0, row)
-    return length - task[at.EXTRA + 12], rate, _dot(normal, _minus(aa, ab)) + bend
+    return length - task[at.EXTRA + 12], rate, dot(normal, minus(aa, ab)) + bend
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -484,12 +392,12 @@ def force_rows(table, plan, support, tasks):  # type: ignore[no-untyped-def]
             continue
         task, joint = line(table, at.PARAMETERS, k), plan[k, at.JOINT]
         place = matrix(table, at.PLACEMENT)
-        body = _by_columns(place[joint])
-        point = _add(_three(place[joint], 9), _turn(body, _three(task, at.FRAME_P)))
+        body = by_columns(place[joint])
+        point = add(three(place[joint], 9), rotate(body, three(task, at.FRAME_P)))
         if kind == at.POSE_KIND:
-            axes = _product(body, _nine(task, at.FRAME_R))
+            axes = product(body, nine(task, at.FRAME_R))
         else:
-            axes = _product(_by_columns(place[plan[k, at.BASE_JOINT]]), _nine(task, at.BASE_R))
+            axes = product(by_columns(place[plan[k, at.BASE_JOINT]]), nine(task, at.BASE_R))
         for i in range(6):
             if plan[k, at.MASK] & (1 << i):
                 row = out[coordinate]
@@ -527,7 +435,7 @@ def bounded_rows(table, plan, support, roots, nv, k, lower, upper):  # type: ign
         least, rate = 1.0 / settings[at.MASS_TOTAL], task[at.EXTRA + 1]
         lever = (position[2] - task[at.EXTRA]) / -settings[at.GRAVITY_Z]
         for i in range(count):
-            edge = _three(task, at.EXTRA + 2 + 3 * i)
+            edge = three(task, at.EXTRA + 2 + 3 * i)
             row = rows[first + i]
             fill(row, 0.0)
             room = edge[2] - edge[0] * position[0] - edge[1] * position[1]

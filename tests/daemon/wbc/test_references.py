@@ -6,7 +6,7 @@ import pytest
 
 from daemon.references import HermitePath, LinePath, PathClock
 from daemon.wbc.hierarchy import WholeBody
-from daemon.wbc.references import FrameTrajectory, JointTrajectory, StreamedPose
+from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, StreamedPose
 from daemon.wbc.tasks import SE3, JPos
 
 PERIOD = 0.002
@@ -142,3 +142,25 @@ def test_a_streamed_pose_that_is_not_finite_changes_nothing(model_of, broken) ->
     assert not stream.receive(**{"position": before + 0.1, **broken})
     stream.advance()
     assert body["hand"].reference[0] == pytest.approx(before)
+
+
+def test_a_reference_out_of_reach_is_pulled_no_harder_than_from_within_it_and_is_given_back_as_it_was_wanted(
+    model_of,
+) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    start, leashes = model.frame(HAND), Leashes(body, [body["hand"]], 0.1, 0.5)
+    wanted = start.translation + np.array([0.0, 0.3, 0.0]), pin.exp3(np.array([0.0, 0.8, 0.0])) @ start.rotation
+    for cycle in range(3):
+        leashes.give()
+        if cycle == 0:
+            body["hand"].pose(*wanted)
+        else:
+            assert body["hand"].reference[0] == pytest.approx(wanted[0])
+            assert body["hand"].reference[1] == pytest.approx(wanted[1])
+        leashes.take()
+        position, rotation = body["hand"].reference
+        assert position - start.translation == pytest.approx([0.0, 0.1, 0.0], abs=1e-9)
+        assert pin.log3(rotation @ start.rotation.T) == pytest.approx([0.0, 0.5, 0.0], abs=1e-9)
+        body.solve()
+    assert leashes.off(0) == pytest.approx([0.0, 0.3, 0.0])

@@ -11,8 +11,9 @@ import pytest
 from daemon.wbc import layout as at
 from daemon.wbc.constraints import Balance, JointLimits, KeepOut
 from daemon.wbc.hierarchy import WholeBody
-from daemon.wbc.rows import nearest, rotation_vector
+from daemon.wbc.rows import nearest
 from daemon.wbc.tasks import COM, SE3, Capsule, CartPos, Clearance, Gaze, JPos, Plane, QuaternionOrientation, Task
+from daemon.wbc.vectors import rotation_of, rotation_vector
 from tests.daemon.wbc.conftest import states
 
 HAND, OTHER, HEAD = "tool_right_tip", "tool_left_tip", "rgbd_depth_optical_frame"
@@ -143,12 +144,13 @@ def test_nearest_points_of_lines_are_the_nearest() -> None:
         assert ours <= np.linalg.norm(points, axis=-1).min() + 1e-12
 
 
-def test_a_rotation_vector_is_right_up_to_half_a_turn() -> None:
+def test_a_rotation_vector_and_its_rotation_are_right_up_to_half_a_turn() -> None:
     rng = np.random.default_rng(5)
     for angle in (1e-10, 1e-4, 1.0, 2.0, 3.0, np.pi - 1e-3, np.pi - 1e-7):
         axis = rng.standard_normal(3)
         vector = angle * axis / np.linalg.norm(axis)
         assert rotation_vector(tuple(pin.exp3(vector).ravel())) == pytest.approx(vector, abs=1e-8)
+        assert rotation_of(tuple(vector)) == pytest.approx(tuple(pin.exp3(vector).ravel()), abs=1e-12)
 
 
 def run(model, body: WholeBody, cycles: int, period: float = 0.002) -> list[np.ndarray]:

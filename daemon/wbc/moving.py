@@ -1,0 +1,162 @@
+"""Compiled: one cycle of what references.py and impedance.py do, each on a flat array of its own, whose layout stands below."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from daemon.wbc import layout as at
+from daemon.wbc.vectors import (
+    FAST,
+    add,
+    dot,
+    minus,
+    nine,
+    product,
+    put,
+    rotate,
+    rotation_of,
+    rotation_vector,
+    three,
+    times,
+    transposed,
+)
+from handrail.compiled import compiled
+
+LINE_R, LINE_P, LINE_SHIFT, LINE_TURN, LINE_V, LINE_LENGTH, LINE_PERIOD, LINE = 0, 9, 12, 15, 18, 24, 25, 26
+"""a line: where it starts, what way it goes, the twist of the cycle before, its length s, the loop's period s"""
+HERE_P, HERE_R, SENT_P, SENT_R, SENT_V, AGE, PERIOD, STALE, GAIN, SPEED, TURN, STREAM = (
+    0, 3, 12, 15, 24, 30, 31, 32, 33, 34, 35, 36,
+)  # fmt: skip
+"""a stream: the reference, what was sent, how long ago, settings"""
+WANTED_P, WANTED_R, SHORT, SEEN_P, SEEN_R, OFF, LEASH = 0, 3, 12, 13, 16, 25, 28
+"""a leash: the pose that is wanted, 1 where the task's is nearer, the pose measured last, what lies between the positions"""
+
+
+@compiled(fastmath=FAST, error_model="numpy")
+def follow_line(state, s, rate, task):  # type: ignore[no-untyped-def]
+    """A task's reference at path parameter s of a line, minimum-jerk (Flash and Hogan 1985): see daemon.references.LinePath."""
+    u = min(max(s / state[LINE_LENGTH], 0.0), 1.0)
+    share = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
+    slope = rate * 30.0 * u * u * (1.0 - u) * (1.0 - u) / state[LINE_LENGTH]
+    shift, turn = three(state, LINE_SHIFT), three(state, LINE_TURN)
+    rotation = product(nine(state, LINE_R), rotation_of(times(share, turn)))
+    put(task, at.REF_P, add(three(state, LINE_P), times(share, shift)))
+    put(task, at.REF_R, rotation)
+    put(task, at.REF_V, times(slope, shift))
+    put(task, at.REF_V + 3, rotate(rotation, times(slope, turn)))
+    for i in range(6):
+        velocity = task[at.REF_V + i]
+        task[at.REF_A + i] = (velocity - state[LINE_V + i]) / state[LINE_PERIOD]
+        state[LINE_V + i] = velocity
+
+
+@compiled(fastmath=FAST, error_model="numpy")
+def follow_knots(followed, rate, period, rows, posture):  # type: ignore[no-untyped-def]
+    """A posture's reference: followed (3, n) is position, its derivative by s, the velocity of the cycle before."""
+    for i in range(rows.shape[0]):
+        c, velocity = rows[i], rate * followed[1, i]
+        posture[0, c], posture[1, c], posture[2, c] = followed[0, i], velocity, (velocity - followed[2, i]) / period
+        followed[2, i] = velocity
+
+
+@njit(fastmath=FAST, error_model="numpy")
+def _at_most(v, most):  # type: ignore[no-untyped-def]
+    size = math.sqrt(dot(v, v))
+    return times(most / size, v) if size > most else v
+
+
+@compiled(fastmath=FAST, error_model="numpy")
+def follow_stream(state, rate, task):  # type: ignore[no-untyped-def]
+    """A task's reference one period on, towards what was sent: see references.StreamedPose."""
+    period, gain = state[PERIOD], state[GAIN]
+    state[AGE] += period
+    if state[AGE] > state[STALE]:
+        put(state, SENT_V, (0.0, 0.0, 0.0))
+        put(state, SENT_V + 3, (0.0, 0.0, 0.0))
+    linear, angular = three(state, SENT_V), three(state, SENT_V + 3)
+    position = add(three(state, SENT_P), times(period, linear))
+    rotation = product(rotation_of(times(period, angular)), nine(state, SENT_R))
+    here, turned = three(state, HERE_P), nine(state, HERE_R)
+    gap, turn = minus(position, here), rotation_vector(product(rotation, transposed(turned)))
+    linear = times(rate, _at_most(add(linear, times(gain, gap)), state[SPEED]))
+    angular = times(rate, _at_most(add(angular, times(gain, turn)), state[TURN]))
+    here, turned = add(here, times(period, linear)), product(rotation_of(times(period, angular)), turned)
+    put(state, SENT_P, position)
+    put(state, SENT_R, rotation)
+    put(state, HERE_P, here)
+    put(state, HERE_R, turned)
+    put(task, at.REF_P, here)
+    put(task, at.REF_R, turned)
+    put(task, at.REF_V, linear)
+    put(task, at.REF_V + 3, angular)
+
+
+@compiled(fastmath=FAST, error_model="numpy")
+def give(parameters, tasks, kept):  # type: ignore[no-untyped-def]
+    """Put references back to what is wanted, and note where their frames were measured last."""
+    for i in range(tasks.shape[0]):
+        task, leash = parameters[tasks[i]], kept[i]
+        put(leash, SEEN_P, minus(three(task, at.REF_P), three(task, at.ERROR)))
+        turned = rotation_of(times(-1.0, three(task, at.ERROR + 3)))
+        put(leash, SEEN_R, product(turned, nine(task, at.REF_R)))
+        if leash[SHORT] > 0.0:
+            put(task, at.REF_P, three(leash, WANTED_P))
+            put(task, at.REF_R, nine(leash, WANTED_R))
+
+
+@compiled(fastmath=FAST, error_model="numpy")
+def take(parameters, tasks, kept, reach, widest):  # type: ignore[no-untyped-def]
+    """Shorten references to within `reach` m, `widest` rad of where their frames were measured, and keep what was wanted."""
+    for i in range(tasks.shape[0]):
+        task, leash = parameters[tasks[i]], kept[i]
+        wanted, rotation = three(task, at.REF_P), nine(task, at.REF_R)
+        seen, seen_rotation = three(leash, SEEN_P), nine(leash, SEEN_R)
+        off = minus(wanted, seen)
+        turn = rotation_vector(product(rotation, transposed(seen_rotation)))
+        put(leash, OFF, off)
+        far, wide = math.sqrt(dot(off, off)), math.sqrt(dot(turn, turn))
+        leash[SHORT] = 1.0 if far > reach or wide > widest else 0.0
+        put(leash, WANTED_P, wanted)
+        put(leash, WANTED_R, rotation)
+        if far > reach:
+            put(task, at.REF_P, add(seen, times(reach / far, off)))
+        if wide > widest:
+            put(task, at.REF_R, product(rotation_of(times(widest / wide, turn)), seen_rotation))
+
+
+@compiled
+def lead(desired, acceleration, rows, position, velocity, period, leak, within):  # type: ignore[no-untyped-def]
+    """desired (2, n) one period on: see impedance.ImpedanceOutput. What is not finite changes nothing."""
+    n = rows.shape[0]
+    for i in range(n):
+        if not (math.isfinite(acceleration[rows[i]]) and math.isfinite(position[i]) and math.isfinite(velocity[i])):
+            return
+    for i in range(n):
+        desired[1, i] += period * (acceleration[rows[i]] + leak * (velocity[i] - desired[1, i]))
+        led = desired[0, i] + period * (desired[1, i] + leak * (position[i] - desired[0, i]))
+        desired[0, i] = min(max(led, position[i] - within), position[i] + within)
+
+
+@compiled
+def set_points(desired, torque, rows, gains, joints, code, table, mode):  # type: ignore[no-untyped-def]
+    """The robot's joints `joints` are told position, velocity, torque, stiffness, damping; gains (2, n)."""
+    for i in range(rows.shape[0]):
+        j = joints[i]
+        table[0, j], table[1, j], table[2, j] = desired[0, i], desired[1, i], torque[rows[i]]
+        table[3, j], table[4, j], mode[j] = gains[0, i], gains[1, i], code
+
+
+def warm_up(joints: int) -> None:
+    """Compile (or load) all of it: before a loop starts."""
+    task, parameters, tasks = np.zeros(at.PARAMETERS_WIDTH), np.zeros((1, at.PARAMETERS_WIDTH)), np.zeros(1, np.int64)
+    two, rows, mode = np.zeros((2, joints)), np.arange(joints), np.zeros(joints, np.uint8)
+    follow_line(np.ones(LINE), 0.0, 1.0, task)
+    follow_knots(np.zeros((3, joints)), 1.0, 1.0, rows, np.zeros((6, joints)))
+    follow_stream(np.zeros(STREAM), 1.0, task)
+    give(parameters, tasks, np.zeros((1, LEASH)))
+    take(parameters, tasks, np.zeros((1, LEASH)), 1.0, 1.0)
+    lead(two, two[0], rows, two[0], two[0], 1.0, 0.0, 1.0)
+    set_points(two, two[0], rows, two, rows, 0, np.zeros((5, joints)), mode)

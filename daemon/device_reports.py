@@ -86,10 +86,13 @@ def device_statuses(snapshot: np.ndarray | None, description: RobotDescription) 
         return [
             DeviceStatus(name=device.name, family=device.family, problem="unknown") for device in description.devices
         ]
-    return [
-        DeviceStatus(name=device.name, family=device.family, problem=_problem(device, values, age))
-        for device, values, age in _rows(snapshot, description)
-    ]
+    problems = zip(description.devices, device_problems(snapshot, description), strict=True)
+    return [DeviceStatus(name=device.name, family=device.family, problem=problem) for device, problem in problems]
+
+
+def device_problems(snapshot: np.ndarray, description: RobotDescription) -> list[str]:
+    """What is wrong with each device; empty: nothing."""
+    return [_problem(device, values, age) for device, values, age in _rows(snapshot, description)]
 
 
 def other_columns(description: RobotDescription) -> dict[str, tuple[str, ...]]:

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.device_reports import device_states, device_statuses
-from daemon.drive_reports import drive_problems, drive_states, drive_statuses
+from daemon.device_reports import device_problems, device_states, device_statuses
+from daemon.drive_reports import drive_marks, drive_problems, drive_statuses
 from daemon.exchange import (
     MAX_HOLDS,
     ActionState,
@@ -59,7 +59,7 @@ class Reporter:
         self.alive = False
         """whether a loop is running"""
         self._slot_states: dict[int, tuple[int, ...]] = {}
-        self._times = np.zeros((2, _TIMING_WINDOW))
+        self._times: deque[np.ndarray] = deque()
         self._timed = 0
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
         self._signature: object = None
@@ -148,8 +148,8 @@ class Reporter:
             signature = (
                 self.alive,
                 int(newest["flags"]),
-                tuple(drive_states(newest)),
-                tuple(device.problem for device in device_statuses(newest, self._description)),
+                drive_marks(newest),
+                *device_problems(newest, self._description),
                 *(newest[field].tobytes() for field in ("stop_reason", "claims", "error", "holds")),
                 newest["actions"]["serial"].tobytes(),
                 newest["actions"]["state"].tobytes(),
@@ -213,14 +213,15 @@ class Reporter:
         return ""
 
     def _time(self, snapshots: np.ndarray) -> None:
-        """Keep the last cycles' times in a ring of two rows: work, lateness (ns)."""
-        new = snapshots[-_TIMING_WINDOW:]
-        places = (self._timed + np.arange(len(new))) % _TIMING_WINDOW
-        self._times[0, places], self._times[1, places] = new["work_ns"], new["late_ns"]
-        self._timed += len(new)
+        """Keep the last cycles' times: work, lateness (ns), two rows for each call. Whoever wants the percentiles joins them."""
+        self._times.append(np.array((snapshots["work_ns"], snapshots["late_ns"])))
+        self._timed += len(snapshots)
+        while self._timed - (oldest := self._times[0].shape[1]) >= _TIMING_WINDOW:
+            self._times.popleft()
+            self._timed -= oldest
 
     def _loop_statistics(self, newest: np.ndarray) -> LoopStatistics:
-        known = self._times[:, : min(self._timed, _TIMING_WINDOW)] / 1e3
+        known = np.concatenate(self._times, axis=1)[:, -_TIMING_WINDOW:] / 1e3
         (work_p50, late_p50), (work_p99, late_p99) = np.percentile(known, (50, 99), axis=1)
         return LoopStatistics(
             cycles=int(newest["cycle"]),

@@ -87,12 +87,12 @@ class StateRingReader:
         # One slot less than there are: the next one is the writer's to overwrite at any moment.
         first = max(self._last + 1, head - self._file.count + 2)
         self.missed += first - self._last - 1
-        expected = np.arange(first, head + 1)
-        index = expected % self._file.count
+        if (fresh := head - first + 1) <= 0:
+            return np.zeros(0, self._record)
         # As rows of bytes: numpy copies a record's fields one by one.
-        copies = self._rows[index].view(self._slots.dtype)["record"].reshape(len(index))
-        whole = self._slots["sequence"][index] == expected
-        self._last = max(head, self._last)
+        copies = _along(self._rows, first, fresh).view(self._slots.dtype)["record"].reshape(fresh)
+        whole = _along(self._numbers, first, fresh) == np.arange(first, head + 1)
+        self._last = head
         if whole.all():
             return copies
         self.missed += int(np.count_nonzero(~whole))
@@ -109,5 +109,12 @@ class StateRingReader:
             slot = _slot(self._record)
             self._slots = np.frombuffer(self._file.memory, slot, self._file.count, WORDS * 8)
             self._rows = self._slots.view(np.uint8).reshape(self._file.count, slot.itemsize)
+            self._numbers = self._slots["sequence"]
             self._last = max(0, int(self._words[COUNTER]) - 1) if first_ever else 0
         return True
+
+
+def _along(ring: np.ndarray, first: int, n: int) -> np.ndarray:
+    """A copy of n items of a ring (slots, ...), the one with the sequence number `first` and those that follow it."""
+    at = first % len(ring)
+    return np.concatenate((ring[at : at + n], ring[: max(0, at + n - len(ring))]))

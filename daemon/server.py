@@ -143,10 +143,11 @@ class Server:
 
     def step(self, timeout_s: float = _WATCH_PERIOD_S) -> None:
         """Sleep until something comes, at most `timeout_s`, and deal with all of it."""
-        self._poller.poll(round(timeout_s * 1000))
+        woken_by = dict(self._poller.poll(round(timeout_s * 1000)))
         self._doorbell.clear()
         self._publish_news()
-        self._service.poll(0)
+        if self._service.socket in woken_by:  # else it may be read in vain, which costs as much as a message
+            self._service.poll(0)
         now = time.monotonic()
         if now >= self._next_watch:
             self._next_watch = now + _WATCH_PERIOD_S

@@ -49,7 +49,9 @@ class Publisher:
         self._socket.bind(endpoint)
 
     def send(self, message: msgspec.Struct) -> None:
-        self._socket.send_multipart((type(message).__name__.encode(), _encoder.encode(message)))
+        # In two calls: send_multipart looks at every part before, for as long as it then takes to send it.
+        self._socket.send(type(message).__name__.encode(), zmq.SNDMORE)
+        self._socket.send(_encoder.encode(message))
 
     def close(self) -> None:
         self._socket.close()

@@ -118,9 +118,8 @@ class ControllerTable:
     def collect(self, time_ns: int) -> None:
         """Take what the workshop has finished; `time_ns`: of this cycle."""
         self.time_ns = time_ns
-        done = self._workshop.done
-        while done:
-            self._take(done.popleft())
+        while (done := self._workshop.finished()) is not None:
+            self._take(done)
 
     def fail(self, controller: Controller) -> None:
         """A controller has failed: tell of it, and of one that was loaded keep nothing but its name."""

@@ -26,10 +26,9 @@ from daemon.devices import Devices
 from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange import Rule
 from daemon.gains import joint_damping
+from daemon.inputs import Inputs
 from daemon.life import Life
-from daemon.mailbox import MailboxReader
 from daemon.manager import ControllerManager
-from daemon.motion_maker import MotionMaker
 from daemon.orders import Orders
 from daemon.outer_integral import OuterIntegral
 from daemon.ring import StateRingWriter
@@ -37,12 +36,11 @@ from daemon.robot_state import RobotState
 from daemon.roster import roster_file
 from daemon.safety.last_word import LastWord
 from daemon.safety.limits import Limits
-from daemon.safety.stop_socket import StopSocket
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
 from daemon.timing import TimingWriter
 from daemon.warm_up import warm_up
-from daemon.workshop import SWITCH_INTERVAL_S, Workshop
+from daemon.workshop import SWITCH_INTERVAL_S
 from hal.can.port import BusLost, HubPort, open_port
 from hal.core_pair import CorePair
 from hal.drives.protocol import LimbProtocol
@@ -76,8 +74,12 @@ class Loop:
         lockstep: bool,
         runtime: Runtime,
         core: CorePair | None = None,
+        inputs: Inputs | None = None,
     ):
-        """`core`: shared with the plant, with which the loop takes turns in lock-step; None: wherever the kernel wants."""
+        """`core`: shared with the plant, with which the loop takes turns in lock-step; None: wherever the kernel wants.
+
+        `inputs`: what it takes in beside the bus; None: as it comes."""
+        self.inputs = inputs = inputs or Inputs(runtime)
         description = kinematics.description
         n, period = len(description.joints), description.period_ns * 1e-9
         damping = joint_damping(kinematics, description.home_position())
@@ -86,7 +88,7 @@ class Loop:
         self.hardware, self.lockstep, self.period_ns, self.core = hardware, lockstep, description.period_ns, core
         self.robot = RobotState(kinematics, hardware.state, period, hardware.devices)
         self.manager = ControllerManager(self.robot, gains)
-        self.workshop = Workshop(kinematics, gains, hardware.state, period, roster_file(runtime))
+        self.workshop = inputs.workshop(kinematics, gains, hardware.state, period, roster_file(runtime))
         self.controllers = ControllerTable(self.manager, self.workshop)
         self.actions = ActionTable(self.manager, self.robot)
         self.devices = Devices(description, hardware.devices, hardware.device_command)
@@ -95,13 +97,12 @@ class Loop:
         self.last_word = LastWord(Limits.of(description, hardware.largest_command()), self.life.ledger)
         self.written, self._next = JointCommand(n), JointCommand(n)
 
-        self.stop_socket = StopSocket(runtime.stop)
+        self.stop_socket, hardware.waits_on = inputs.stops, inputs.waits_on
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
-        mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
         frames = exchange.frame_names(description)
-        maker = MotionMaker(kinematics, gains, period, lockstep)
+        maker = inputs.maker(kinematics, gains, period, lockstep)
         served = (self.life, self.actions, self.controllers, self.devices, self.holds, maker)
-        self.orders = Orders(mailbox, frames, *served)
+        self.orders = Orders(inputs.mailbox, frames, *served)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         who = (self.manager, self.life, self.actions, self.controllers, self.orders)
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, *who)
@@ -152,7 +153,7 @@ class Loop:
         gives_up = time.monotonic() + (REPLY_TIMEOUT_S if self.hardware.first_silent() < 0 else BEAT_S)
         while not self.hardware.read(BEAT_S if self.lockstep else 0.0):
             self.serve_stop()
-            if self.ending or time.monotonic() > gives_up:
+            if not self.inputs.waits_on(not self.ending and time.monotonic() < gives_up):
                 self.hardware.give_up()
                 break
         if self.lockstep:  # the plant's clock, which goes on while no daemon runs
@@ -283,9 +284,13 @@ class Loop:
             deadline += period
             if (over := time.monotonic_ns() - deadline) > 0:
                 skipped = over // period + 1
-                self.misses += skipped
-                self.life.missed(self.timing.missed(skipped))
+                self.skip(skipped)
                 deadline += skipped * period
+
+    def skip(self, periods: int) -> None:
+        """So many periods have gone by without a cycle."""
+        self.misses += periods
+        self.life.missed(self.timing.missed(periods))
 
     def end(self, *_: object) -> None:
         """Finish after the present cycle (a signal handler)."""

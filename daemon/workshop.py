@@ -1,8 +1,8 @@
 """Where controllers that are loaded by name are made: a thread beside the loop, which the loop never waits for.
 
 Importing a user's file, making a controller, compiling its kernels and writing the roster take milliseconds to seconds; none of
-it happens in a cycle. The loop puts jobs here and finds what became of them in `done`, which it looks at once a cycle; then
-switching it on is a matter of a cycle.
+it happens in a cycle. The loop puts jobs here and asks once a cycle what has been `finished`; then switching it on is a matter of a
+cycle.
 
 A thread shares the interpreter with the loop. On the wall clock it runs on the loop's core at the lowest real-time priority: only
 while the loop sleeps, and nobody else keeps it from finishing what it does; it gives the interpreter back within
@@ -14,11 +14,11 @@ longer, as opening a shared object does. `handrail bench switching` measures it.
 from __future__ import annotations
 
 import _thread
+import contextlib
 import os
 import queue
 import sys
 import traceback
-from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,8 +88,7 @@ class Workshop:
         self._kinds: dict[int, type[Controller]] = {}
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._open, self._ended = False, _thread.allocate_lock()
-        self.done: deque[Done] = deque()
-        """filled here, emptied by the loop"""
+        self._done: queue.SimpleQueue[Done] = queue.SimpleQueue()
         write_roster(file, self._roster)
 
     def put(self, job: Job) -> None:
@@ -100,6 +99,21 @@ class Workshop:
             self._ended.acquire()
             _thread.start_new_thread(self._work, ())
         self._jobs.put(job)
+
+    def finished(self) -> Done | None:
+        """What became of one job; None: nothing more has been finished. Returns at once."""
+        return None if self._done.empty() else self._done.get()
+
+    def wait(self, patience_s: float) -> Done | None:
+        """The same, as soon as something is; None: nothing was in so many s of wall time."""
+        with contextlib.suppress(queue.Empty):
+            return self._done.get(timeout=patience_s)
+        return None
+
+    def error(self, slot: int) -> str:
+        """Why what is loaded there could not be made; "": it could."""
+        entry = self._entries.get(slot)
+        return entry.error if entry is not None else ""
 
     def close(self) -> None:
         """Have the thread end, when it has done what it was given; not waited for longer than a second."""
@@ -121,7 +135,7 @@ class Workshop:
                 done = self._give_up(job, error)
             self._write(job.when)
             if done is not None:
-                self.done.append(done)
+                self._done.put(done)
         self._ended.release()
 
     def _do(self, job: Job) -> Done | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 import numpy as np
@@ -113,6 +113,8 @@ class Hardware:
         """when the first of the last replies came, on the clock of whoever runs the bus"""
         self.counters = port.counters
         """(channels, 3) int64: frames sent, frames received, ns of bus time in use"""
+        self.waits_on: Callable[[bool], bool] = lambda patient: patient
+        """asked whether to wait on for late replies, where the wall clock says so: what is read may rest on it"""
         self.isolated = np.zeros(n, np.bool_)
         """(n,) joints of limbs that are out of the robot; whole limbs only (`isolate`, `rejoin`)"""
         self.returning = False
@@ -230,7 +232,7 @@ class Hardware:
             # A plant that has once told when its cycles end always does: what is not there by then will not come.
             told = self._ticks > 0
             gives_up = time.monotonic() + wait_s
-            while told and late and self._ticks < self._ticks_due and time.monotonic() < gives_up:
+            while told and late and self._ticks < self._ticks_due and self.waits_on(time.monotonic() < gives_up):
                 good += self._receive(wait_s)
                 late = self._survey()
             if not good and not (told and self._ticks >= self._ticks_due):

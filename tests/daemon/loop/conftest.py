@@ -19,8 +19,11 @@ from daemon.doorbell import Bell, loop_doorbell
 from daemon.exchange import LOADED_CODE, ActionState, Answer, ControllerState, Flag, Kind, Outcome
 from daemon.loop import Loop
 from daemon.mailbox import MailboxWriter
+from daemon.recorded_loop import LoopStart
 from daemon.ring import StateRingReader
 from daemon.roster import Roster, read_roster, roster_file
+from daemon.tape import TapeWriter
+from daemon.taping import TapedLoop, TapedPort
 from hal.can import frames
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State
@@ -35,6 +38,7 @@ from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime
 
 PATIENCE_S = 60.0
+TAPE_WORDS = 1 << 21
 SWAY = """
 import numpy as np
 from daemon.controllers.base import Controller
@@ -156,12 +160,19 @@ class Bench:
         kinematics: Kinematics,
         protocol: LimbProtocol,
         drives: Any = None,
+        tape: TapeWriter | None = None,
     ):
-        """`drives`: the port with drives behind it, where they are others than `JointDrives`."""
+        """`drives`: the port with drives behind it, where they are others than `JointDrives`; `tape`: the loop writes one."""
         self.description, self.runtime = description, Runtime.at(folder)
         self.drives = drives or JointDrives(description, kinematics, protocol)
-        self.hardware = Hardware(description, self.drives, protocol)
-        self.loop = Loop(self.hardware, kinematics, True, self.runtime)
+        port = self.drives if tape is None else TapedPort(self.drives, tape)
+        self.hardware = Hardware(description, port, protocol)
+        parts = (self.hardware, kinematics, True)
+        if tape is None:
+            self.loop = Loop(*parts, self.runtime)
+        else:
+            start = LoopStart(robot=description.name, clock="lockstep", files={})
+            self.loop = TapedLoop(tape, start, self.runtime, *parts)
         dtype = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(self.runtime.state_ring, dtype)
         self._mailbox = MailboxWriter(self.runtime.mailbox, exchange.COMMAND)
@@ -344,14 +355,15 @@ def talos_protocol(talos: RobotDescription) -> LimbProtocol:
 
 @pytest.fixture
 def make_bench(talos_kinematics: Kinematics, talos_protocol: LimbProtocol) -> Iterator[Callable[..., Bench]]:
-    """Makes a bench for a description of TALOS."""
+    """Makes a bench for a description of TALOS; `tape`: what goes in and out is written down, in `loop.tape`."""
     made: list[tuple[Bench, Path]] = []
 
-    def make(description: RobotDescription) -> Bench:
+    def make(description: RobotDescription, tape: bool = False) -> Bench:
         folder = Path(tempfile.mkdtemp(prefix="hr"))
         kinematics = copy.copy(talos_kinematics)
         kinematics.description = description
-        made.append((Bench(folder, description, kinematics, type(talos_protocol)(description)), folder))
+        written = TapeWriter(folder / "loop.tape", TAPE_WORDS) if tape else None
+        made.append((Bench(folder, description, kinematics, type(talos_protocol)(description), tape=written), folder))
         return made[-1][0]
 
     yield make

@@ -1,4 +1,4 @@
-"""`handrail behaviour ...`: run a file's behaviour on the robot that is up, and tell how each step ended."""
+"""`handrail behaviour ...`: run a behaviour on the robot that is up, and tell how each step ended."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from typing import Annotated
 
 import typer
 
-from daemon.behaviour_file import BehaviourFile
+from handrail.behaviour_file import SOME_ARM, BehaviourFile, Part, files, find
 from handrail.config import ConfigError
-from handrail.messages import ActionEvent, CancelAction, CheckIn, DaemonStatus, Enable, GetRobot
+from handrail.messages import ActionEvent, CancelAction, CheckIn, DaemonStatus, Enable, GetRobot, RobotInfo
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 
 app = typer.Typer(help="Behaviours: chains of actions.", no_args_is_help=True, add_completion=False)
-_FILE = typer.Argument(help="YAML file (docs/compliant_motion.md).", metavar="FILE")
+_BEHAVIOUR = typer.Argument(
+    help="A name that `list` tells, or a YAML file (docs/compliant_motion.md).", metavar="BEHAVIOUR"
+)
 _CHECK_IN_S, _SILENCE_S = 0.25, 5.0
 
 
@@ -27,19 +29,33 @@ def _behaviour() -> None:
     """Chains of actions that the control loop runs by itself."""
 
 
+@app.command("list")
+def list_() -> None:
+    """The behaviours that are known by name: the workspace's, then those that Handrail brings."""
+    wrong = 0
+    for name, file in files().items():
+        try:
+            print(f"{name:20} {', '.join(step.name for step in BehaviourFile(file, SOME_ARM).steps)}")
+        except ConfigError as error:
+            wrong = 1
+            print(f"{name:20} {error}")
+    raise typer.Exit(wrong)
+
+
 @app.command()
-def check(file: Annotated[Path, _FILE]) -> None:
-    """Read a file, and say what is wrong with it."""
+def check(behaviour: Annotated[str, _BEHAVIOUR]) -> None:
+    """Read a behaviour, and say what is wrong with it."""
     try:
-        behaviour = BehaviourFile(file)
+        found = BehaviourFile(find(behaviour), SOME_ARM)
     except ConfigError as error:
         sys.exit(f"handrail behaviour check: {error}")
-    print(", ".join(step.name for step in behaviour.steps))
+    print(", ".join(step.name for step in found.steps))
 
 
 @app.command()
 def run(
-    file: Annotated[Path, _FILE],
+    behaviour: Annotated[str, _BEHAVIOUR],
+    arm: Annotated[str, typer.Option(help="The arm that does it, where the file names no frame and no joints.")] = "",
     enable: Annotated[bool, typer.Option("--enable", help="Enable the robot first: its brakes open.")] = False,
     runtime: Annotated[
         Path | None,
@@ -51,20 +67,29 @@ def run(
     Exit status 0: it ended by `done`, or where a step leads to `end`.
     """
     try:
-        behaviour, place = BehaviourFile(file), Runtime.at(runtime, make=False)
+        file, place = find(behaviour), Runtime.at(runtime, make=False)
         if not (place.folder / "daemon.call").exists():
             place.robot_up()
         with closing(Caller(place.endpoint("daemon.call"), timeout_s=2.0)) as caller:
-            good = _run(behaviour, caller, place, enable)
+            robot = caller.call(GetRobot())
+            good = _run(BehaviourFile(file, _part(robot, arm)), robot, caller, place, enable)
     except (OSError, ValueError, RefusedError) as error:
         sys.exit(f"handrail behaviour run: {error}")
     raise typer.Exit(0 if good else 1)
 
 
-def _run(behaviour: BehaviourFile, caller: Caller, place: Runtime, enable: bool) -> bool:
+def _part(robot: RobotInfo, arm: str) -> Part | None:
+    if not arm:
+        return None
+    if arm not in robot.arms:
+        raise ValueError(f"--arm: {arm}; expected one of {', '.join(robot.arms) or 'none: this robot has no arms'}")
+    return Part(robot.tips[arm], tuple(robot.arms[arm]))
+
+
+def _run(behaviour: BehaviourFile, robot: RobotInfo, caller: Caller, place: Runtime, enable: bool) -> bool:
     """Whether it ended as it may. Raises RefusedError, Unreachable, ConfigError."""
     me = f"behaviour-{os.getpid()}"
-    call = behaviour.call(me, me, caller.call(GetRobot()))
+    call = behaviour.call(me, me, robot)
     with closing(Subscriber(place.endpoint("daemon.events"), ActionEvent | DaemonStatus)) as events:
         _await_status(events, enabled=False)  # the first one says that the subscription stands
         if enable:

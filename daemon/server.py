@@ -454,6 +454,8 @@ def robot_info(description: RobotDescription) -> m.RobotInfo:
         torque_limit=description.torque_limit.tolist(),
         groups={name: list(joints) for name, joints in description.groups.items()},
         tools={name: arm.tool for name, arm in description.arms.items()},
+        tips={name: arm.tip for name, arm in description.arms.items()},
+        arms={name: list(arm.joints) for name, arm in description.arms.items()},
         home=description.home,
         period_ns=description.period_ns,
     )

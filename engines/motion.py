@@ -10,8 +10,12 @@ import contextlib
 import threading
 import uuid
 from collections.abc import Callable, Sequence
+from typing import get_args
+
+import msgspec
 
 from engines.daemon_client import OWNER, DaemonClient
+from handrail.behaviour_file import BehaviourFile, Robot
 from handrail.messages import (
     ActionEvent,
     CancelAction,
@@ -19,11 +23,12 @@ from handrail.messages import (
     PauseAction,
     ResumeAction,
     StartAction,
+    StartBehaviour,
 )
 from handrail.messages import Motion as MotionMessage
 from handrail.topics import RefusedError, Unreachable
 
-GUARDS = frozenset({"time", "pose_error", "force", "contact", "joint_limit", "divergence"})
+GUARDS = frozenset(str(kind.__struct_config__.tag) for kind in get_args(EndCondition))
 """outcomes that an end condition made: results, not failures"""
 
 _REASONS = {
@@ -41,6 +46,10 @@ _UNKNOWN_LIMIT = 4
 
 def _always() -> str:
     return ""
+
+
+def _never(step: str, outcome: str) -> bool:
+    return False
 
 
 class MotionFailed(Exception):
@@ -89,12 +98,38 @@ class Motion:
         :return: its last event; the outcome is `done` or the name of the end condition that tripped
         :raises MotionFailed: where it could not start, or ended otherwise; `stale` where `still` said why
         """
+        message = StartAction(
+            id=self._next(), owner=OWNER, motion=motion, ends=list(ends), hold_after_s=self._hold_after_s
+        )
+        return self._run(message, cancelled, what, still)
+
+    def run_behaviour(
+        self, behaviour: BehaviourFile, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
+    ) -> ActionEvent:
+        """Run a behaviour and wait for its end; what it leads to `end` by itself is an end as planned, too.
+
+        :raises MotionFailed: as `run` does
+        :raises ConfigError: for joints that the robot has not
+        """
+        call = behaviour.call(self._next(), OWNER, robot)
+        message = msgspec.structs.replace(call, hold_after_s=self._hold_after_s)
+        return self._run(message, cancelled, what, _always, behaviour.expected)
+
+    def _next(self) -> str:
         self._count += 1
-        action = f"{OWNER}-{self._name}-{self._count}"
+        return f"{OWNER}-{self._name}-{self._count}"
+
+    def _run(
+        self,
+        message: StartAction | StartBehaviour,
+        cancelled: threading.Event,
+        what: str,
+        still: Callable[[], str],
+        expected: Callable[[str, str], bool] = _never,
+    ) -> ActionEvent:
+        action = message.id
         with self._daemon.watch(action) as watch:
             unknown = 0
-            hold = self._hold_after_s
-            message = StartAction(id=action, owner=OWNER, motion=motion, ends=list(ends), hold_after_s=hold)
             self._start(message, cancelled, what, still)
             try:
                 while True:
@@ -112,14 +147,16 @@ class Motion:
                     self._action, self._still = "", _always
                     outdated, self._outdated = self._outdated, ""
                     self._gate.notify_all()
-        if event.outcome == "done" or event.outcome in GUARDS:
+        if event.outcome == "done" or event.outcome in GUARDS or expected(event.step, event.outcome):
             return event
         if outdated:
             raise MotionFailed("stale", f"{what} was not resumed: {outdated}")
         detail = f" ({event.detail})" if event.detail else ""
         raise MotionFailed(event.outcome, f"{what}: {_REASONS.get(event.outcome, event.outcome)}{detail}")
 
-    def _start(self, message: StartAction, cancelled: threading.Event, what: str, still: Callable[[], str]) -> None:
+    def _start(
+        self, message: StartAction | StartBehaviour, cancelled: threading.Event, what: str, still: Callable[[], str]
+    ) -> None:
         with self._gate:
             self._gate.wait_for(lambda: not self._paused or cancelled.is_set())
             if cancelled.is_set():

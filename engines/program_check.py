@@ -19,6 +19,8 @@ from engines.activities.base import Argument, Kind
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_expressions import ProgramEvaluator
 from engines.text import fields
+from handrail.behaviour_file import SOME_ARM, BehaviourFile, find
+from handrail.config import ConfigError
 
 ERROR_OUTPUTS = frozenset({"message", "reason", "source"})
 """what `_event.data` has after `error.execution`"""
@@ -180,6 +182,11 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
             if value not in fitting:
                 there = f"one of: {', '.join(fitting)}" if fitting else "a declaration of it under `resources`"
                 raise error(path, f"got {value!r}, no resource of kind {wanted}; expected {there}")
+        case Kind.BEHAVIOUR:
+            try:
+                BehaviourFile(find(str(value)), SOME_ARM)
+            except ConfigError as problem:
+                raise error(path, f"got {value!r}: {problem}") from problem
         case Kind.NAME if not isinstance(value, str) or not value:
             raise error(path, f"got {value!r}; expected a name")
         case Kind.NAMES if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):

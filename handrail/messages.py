@@ -332,6 +332,10 @@ class RobotInfo(Message):
     groups: dict[str, list[str]]
     tools: dict[str, str]
     """arm → tool frame"""
+    tips: dict[str, str]
+    """arm → frame at its tool's contact point"""
+    arms: dict[str, list[str]]
+    """arm → its joints, from the base on"""
     home: dict[str, dict[str, float]]
     """posture name → joint → rad"""
     period_ns: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from engines.activities.base import Activity
+from engines.activities.behave import BehaveActivity
 from engines.activities.execute import ExecuteActivity
 from engines.activities.plan import PlanActivity
 from engines.activities.prompt import PromptActivity
@@ -15,4 +16,5 @@ ACTIVITIES: Mapping[str, type[Activity]] = {
     "execute": ExecuteActivity,
     "prompt": PromptActivity,
     "retreat": RetreatActivity,
+    "behave": BehaveActivity,
 }

@@ -30,6 +30,8 @@ class Kind(Enum):
     """the name of a resource of kind arm"""
     INSTANCE = "instance"
     """the name of a resource of kind instance"""
+    BEHAVIOUR = "behaviour"
+    """the name of a behaviour (handrail.behaviour_file)"""
     NAME = "name"
     """a plain name"""
     NAMES = "names"

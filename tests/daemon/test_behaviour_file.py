@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.behaviour_cli import app
-from daemon.behaviour_file import BehaviourFile
 from daemon.exchange import Kind, Outcome
 from daemon.server import robot_info
+from handrail.behaviour_file import BehaviourFile, Part, find
 from handrail.config import ConfigError
 from handrail.messages import CompliantMotion, ContactEnd
 from handrail.robot import description as robots
@@ -37,6 +37,17 @@ def test_frame_and_joints_are_said_once_and_groups_stand_for_their_joints() -> N
         assert step.motion.frame == "tool_right_tip"
         assert step.motion.joints == [*robot.groups["torso"], *robot.groups["arm_right"]]
     assert call.steps[0].ends == [ContactEnd(frame="tool_right_tip", threshold=5.0)]
+
+
+def test_what_the_file_leaves_open_is_the_arms_and_what_it_says_stays(tmp_path: Path) -> None:
+    robot = robot_info(robots.load("talos_upper"))
+    left = Part(robot.tips["left"], tuple(robot.arms["left"]))
+    for step in BehaviourFile(find("press"), left).call("press", "me", robot).steps:
+        assert isinstance(step.motion, CompliantMotion)
+        assert step.motion.frame == "tool_left_tip"
+        assert step.motion.joints == [*robot.groups["torso"], *robot.groups["arm_left"]]
+    own = BehaviourFile(EXAMPLE, left).call("press", "me", robot)
+    assert own.steps[0].motion.frame == "tool_right_tip"
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,8 @@ def recording(path, cycles=200):
         torque_limit=[],
         groups={},
         tools={},
+        tips={},
+        arms={},
         home={},
         period_ns=1,
     )

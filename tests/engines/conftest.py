@@ -48,11 +48,11 @@ class FakeDaemon:
     calls: list[Any] = field(default_factory=list)
     slow: bool = False
     """actions run until `finish`, a cancel or an operator stop"""
-    trip: Callable[[m.StartAction], str] = lambda action: ""
+    trip: Callable[[Any], str] = lambda action: ""
     """action → the outcome it ends with half-way, or nothing"""
     wheel: float = 0.0
     """rad, where the wheel that the tool pushes really is"""
-    disturb: Callable[[m.StartAction], None] = lambda action: None
+    disturb: Callable[[Any], None] = lambda action: None
 
     def __post_init__(self) -> None:
         self.command = np.array([0.0, -0.3, 0.0])
@@ -126,7 +126,7 @@ class FakeDaemon:
 
     def _handle(self, call: Any) -> None:
         self.calls.append(call)
-        if isinstance(call, m.StartAction):
+        if isinstance(call, m.StartAction | m.StartBehaviour):
             self._start(call)
         elif isinstance(call, m.CancelAction | m.PauseAction | m.ResumeAction):
             if self.action is None or self.action.id != call.id:
@@ -134,8 +134,8 @@ class FakeDaemon:
             if isinstance(call, m.CancelAction):
                 self._todo.append(lambda: self._ended("cancelled", 0.5))
 
-    def _start(self, action: m.StartAction) -> None:
-        if isinstance(action.motion, m.JointTrajectory):
+    def _start(self, action: m.StartAction | m.StartBehaviour) -> None:
+        if isinstance(action, m.StartAction) and isinstance(action.motion, m.JointTrajectory):
             first = np.array(action.motion.positions[0])
             if np.abs(first - self.command[: len(first)]).max() > 0.02:
                 raise refuse("first knot", "motion.positions[0]", first, f"within 0.02 rad of {self.command}")
@@ -150,13 +150,14 @@ class FakeDaemon:
     def _ended(self, outcome: str, share: float) -> None:
         if self.action is None:
             return
-        motion, begin = self.action.motion, self.command.copy()
+        begin = self.command.copy()
+        motion = None if isinstance(self.action, m.StartBehaviour) else self.action.motion
         if isinstance(motion, m.JointTrajectory):
             knots = np.array(motion.positions)
             at = np.interp(share, np.linspace(0, 1, len(knots)), np.arange(len(knots)))
             for k in range(knots.shape[1]):
                 self.command[k] = np.interp(at, np.arange(len(knots)), knots[:, k])
-        else:
+        elif motion is not None:
             self.command[1] = motion.goal_in_world.position[0] - HINGE[0]
         self._push(begin)
         self._event("ended", outcome)
@@ -177,6 +178,7 @@ class FakeDaemon:
                     id=self.action.id,
                     state=state,
                     outcome=outcome,
+                    step=self.action.steps[-1].name if isinstance(self.action, m.StartBehaviour) else "",
                     time_ns=self.cycle * 2_000_000,
                     cycle=self.cycle,
                     position=position,
@@ -260,7 +262,9 @@ class Stack:
     def _engine(self) -> None:
         arm = SimpleNamespace(joints=JOINTS[:2], tip="tip")
         description = SimpleNamespace(
+            name="two_joints",
             joints=JOINTS,
+            groups={},
             arms={"right": arm, "left": arm},
             velocity_limit=np.array([2.0, 2.0, 2.0]),
             index=lambda names: np.array([JOINTS.index(name) for name in names]),
@@ -317,9 +321,9 @@ class Stack:
         pose = m.Pose(position=tuple(HINGE.tolist()))
         return self.call(m.PlaceInstance(name="wheel_1", template="wheel", pose_in_world=pose, parameters=parameters))
 
-    def run(self, **parameters: Any) -> m.RunState:
-        bindings = {"arm": "right", "valve": "wheel_1"}
-        deployed = self.call(m.Deploy(program="turn_valve", bindings=bindings, parameters=parameters))
+    def run(self, program: str = "turn_valve", **parameters: Any) -> m.RunState:
+        bindings = {"arm": "right", "valve": "wheel_1"} if program == "turn_valve" else {"arm": "right"}
+        deployed = self.call(m.Deploy(program=program, bindings=bindings, parameters=parameters))
         return self.call(m.Run(deployment=deployed.id))
 
     def close(self) -> None:

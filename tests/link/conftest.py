@@ -45,6 +45,8 @@ ROBOT = RobotInfo(
     torque_limit=[40.0],
     groups={},
     tools={"right": "tool_right"},
+    tips={},
+    arms={},
     home={"ready": {"arm_right_1_joint": 0.0}},
     period_ns=2_000_000,
 )

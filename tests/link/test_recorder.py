@@ -47,6 +47,8 @@ ROBOT = RobotInfo(
     torque_limit=[40.0],
     groups={},
     tools={"right": "tool_right"},
+    tips={},
+    arms={},
     home={},
     period_ns=2_000_000,
 )

@@ -203,6 +203,8 @@ class FakeRobot:
                 torque_limit=self.description.torque_limit.tolist(),
                 groups={name: list(joints) for name, joints in self.description.groups.items()},
                 tools={name: arm.tip for name, arm in arms.items()},
+                tips={},
+                arms={},
                 home=self.description.home,
                 period_ns=self.description.period_ns,
             ),

@@ -1,0 +1,35 @@
+"""`do: behave`: run a behaviour, a chain of motions that the control loop follows by itself, with an arm."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.motion import MotionFailed
+from handrail.behaviour_file import BehaviourFile, Part, find
+from handrail.config import ConfigError
+
+
+class BehaveActivity(Activity):
+    """Runs a behaviour as its file is now. Done with the `step` in which it ended and the `outcome`: `done`, the end condition that
+    ended it (`contact`), or what the file leads to `end`.
+    """
+
+    arguments = {"behaviour": Argument(Kind.BEHAVIOUR), "arm": Argument(Kind.ARM)}
+    outputs = frozenset({"outcome", "step"})
+
+    def run(self) -> dict[str, Any]:
+        name, description = self.values["behaviour"], self.services.description
+        arm = description.arms[self.values["arm"]]
+        try:
+            behaviour = BehaviourFile(find(name), Part(arm.tip, arm.joints))
+            ended = self.context.motion.run_behaviour(behaviour, description, self.cancelled, what=name)
+        except ConfigError as problem:
+            raise ActivityFailed("refused", str(problem)) from problem
+        except MotionFailed as failed:
+            raise ActivityFailed(failed.reason, str(failed)) from failed
+        return {"outcome": ended.outcome, "step": ended.step}
+
+    def cancel(self) -> None:
+        super().cancel()
+        self.context.motion.interrupt()

@@ -17,21 +17,15 @@ import numpy.typing as npt
 
 from hal.can import frames
 from hal.can.port import Port
-from hal.device import MEASURED, DeviceCommand, DeviceState
-from hal.drives.lifecycle import CONTROLWORD, FOLLOW, STATE_OF_STATUSWORD, Command, State, controlword_towards
+from hal.device import DeviceCommand, DeviceState
+from hal.drives.lifecycle import CONTROLWORD, FOLLOW, Command, State, controlword_towards
 from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import ParameterReply
+from hal.drives.watch import LOST_AFTER, DriveWatch
 from hal.joint import JointCommand, JointState, Mode
 from hal.punctuality import Punctuality
-from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 
-LOST_AFTER = 50
-"""cycles without an answer after which a drive counts as lost. More than the drives' own watchdog (20 cycles): where the host is
-not heard, they have stopped by themselves by then; where only it does not hear, they go on following it meanwhile"""
-
-_NEVER = 1 << 30
-"""cycles; the age of a reply that never came grows no further"""
 _OPERATION_ENABLED = int(State.OPERATION_ENABLED)
 _GATHER_S = 0.02
 """wall time that a lock-step read waits for the rest of the replies when some have come"""
@@ -69,8 +63,14 @@ class DriveProtocol(Protocol):
 
     def encode_hold_time(self, cycle: int, out: npt.NDArray[np.void]) -> int: ...
 
-    def decode_status(
-        self, records: npt.NDArray[np.void], n: int, state: JointState, devices: DeviceState | None = None
+    def hear(
+        self,
+        records: npt.NDArray[np.void],
+        n: int,
+        state: JointState,
+        devices: DeviceState,
+        watch: DriveWatch,
+        older: int,
     ) -> tuple[int, int]: ...
 
     def encode_request(
@@ -115,7 +115,8 @@ class Hardware:
         """(channels, 3) int64: frames sent, frames received, ns of bus time in use"""
         self.waits_on: Callable[[bool], bool] = lambda patient: patient
         """asked whether to wait on for late replies, where the wall clock says so: what is read may rest on it"""
-        self.isolated = np.zeros(n, np.bool_)
+        self._watch = watch = DriveWatch(n)
+        self.isolated = watch.isolated
         """(n,) joints of limbs that are out of the robot; whole limbs only (`isolate`, `rejoin`)"""
         self.returning = False
         """isolated limbs are on their way back"""
@@ -126,17 +127,14 @@ class Hardware:
         self._asked = False
         self._ticks_due = 0
         self._controlwords = np.zeros(n, np.uint8)
-        self._drive_state = np.zeros(n, np.uint8)
-        self._device_count = d
-        self._lost = self._silent = 0
-        self._grow_older(0)
+        self._drive_state, self._nothing = watch.state, frames.empty(0)
         self._identified, self._asked_for = False, np.zeros(n, np.int64)
         self._says_version = protocol.protocol_version > 0
         self._stranger = self._unknown = -1
         channels = [channel.name for channel in description.channels]
         of_joint = {joint: channels.index(limb.channel) for limb in description.limbs for joint in limb.joints}
         self._punctuality = Punctuality([of_joint[joint] for joint in description.joints], len(channels), LOST_AFTER)
-        self._survey()
+        self._hear(self._nothing, 0)
         self._out = frames.empty(protocol.frames_a_cycle)
 
     def representable_gains(
@@ -165,11 +163,11 @@ class Hardware:
     @property
     def operational(self) -> bool:
         """Every drive answers and is in operation enabled, those of isolated limbs aside."""
-        return self._lost < 0
+        return self._watch.lost < 0
 
     def first_lost(self) -> int:
         """Row of the first drive that does not answer, or is not in operation enabled, those of isolated limbs aside; −1: none."""
-        return self._lost
+        return self._watch.lost
 
     def lost(self) -> npt.NDArray[np.bool_]:
         """(n,) drives that do not answer, or are not in operation enabled."""
@@ -179,7 +177,7 @@ class Hardware:
         """Take just these joints (n,), whole limbs, out of the robot: their drives quick-stop and stay so, the others go on."""
         self.isolated[:] = joints
         self._some_isolated, self.returning = bool(joints.any()), False
-        self._survey()
+        self._hear(self._nothing, 0)
 
     def rejoin(self) -> None:
         """Take the isolated limbs' drives to operation enabled, faults reset on the way; `returned` says when they are there."""
@@ -192,7 +190,7 @@ class Hardware:
 
     def first_silent(self) -> int:
         """Row of the first drive that does not answer; −1: all do."""
-        return self._silent
+        return self._watch.silent
 
     def first_stranger(self) -> int:
         """Row of the first drive that says that it speaks another version of its family's protocol; −1: none does."""
@@ -225,58 +223,52 @@ class Hardware:
         """
         if not self._asked:
             return True
-        self._grow_older(1)
-        good = self._receive(wait_s)
-        late = self._survey()
-        if wait_s > 0.0 and late:
+        watch = self._watch
+        good = self._receive(wait_s, older=1)
+        if wait_s > 0.0 and watch.late:
+            good += self._receive(0.0)  # behind the word that a cycle is over, if that was an earlier one
             # A plant that has once told when its cycles end always does: what is not there by then will not come.
             told = self._ticks > 0
             gives_up = time.monotonic() + wait_s
-            while told and late and self._ticks < self._ticks_due and self.waits_on(time.monotonic() < gives_up):
+            while told and watch.late and self._ticks < self._ticks_due and self.waits_on(time.monotonic() < gives_up):
                 good += self._receive(wait_s)
-                late = self._survey()
             if not good and not (told and self._ticks >= self._ticks_due):
-                self._grow_older(-1)
+                self._hear(self._nothing, -1)
                 return False
-            while late and not told and self._receive(_GATHER_S):
-                late = self._survey()
-            if late and told and self._ticks < self._ticks_due:
+            while watch.late and not told and self._receive(_GATHER_S):
+                pass
+            if watch.late and told and self._ticks < self._ticks_due:
                 self._ticks_due = self._ticks  # a word of the plant's was lost: count anew
-        self.stale_replies += self._punctuality.late(self.state.age, late > 0)
+        self.stale_replies += self._punctuality.late(self.state.age, watch.late > 0)
         return True
 
     def give_up(self) -> None:
         """Nobody answered for so long that every drive counts as lost."""
         self.state.age += LOST_AFTER + 1
-        self._survey()
-
-    def _grow_older(self, cycles: int) -> None:
-        """Count what was read last as older (or as not older after all) by so many cycles."""
-        _grow_older(self.state.memory, len(self._drive_state), self.devices.memory, self._device_count, cycles)
+        self._hear(self._nothing, 0)
 
     @property
     def _ticks(self) -> int:
         """How often a plant in lock-step said that a cycle is over; only the virtual bus carries that."""
         return getattr(self._port, "ticks", 0)
 
-    def _receive(self, wait_s: float) -> int:
-        """Take in what has arrived; replies that were good."""
+    def _receive(self, wait_s: float, older: int = 0) -> int:
+        """Take in what has arrived, while what was read before has become `older` cycles older; replies that were good."""
         records = self._port.receive(wait_s)
-        if not len(records):
-            return 0
-        self.bus_time_ns = int(records["time_ns"][0])
-        good, bad = self._protocol.decode_status(records, len(records), self.state, self.devices)
-        self.crc_errors += bad
+        if len(records):
+            self.bus_time_ns = int(records["time_ns"][0])
+        good = self._hear(records, older)
         if replies := self._protocol.replies():  # a tool may have asked, too
             self._take_identities(replies)
         return good
 
-    def _survey(self) -> int:
-        """Look at every drive's age and status; drives whose reply is late but that are not lost."""
-        late, self._lost, self._silent = _survey(self.state.memory, self._drive_state, self.isolated)
-        if self._silent >= 0:  # whoever answers there later may be another drive
+    def _hear(self, records: npt.NDArray[np.void], older: int) -> int:
+        """Take these in, and look at every drive's age and status; replies that were good."""
+        good, bad = self._protocol.hear(records, len(records), self.state, self.devices, self._watch, older)
+        self.crc_errors += bad
+        if self._watch.silent >= 0:  # whoever answers there later may be another drive
             self._forget_identities()
-        return late
+        return good
 
     def write(self, command: JointCommand | None, cycle: int) -> None:
         """Write one cycle's frames and Sync, as one datagram where the bus takes one.
@@ -320,7 +312,7 @@ class Hardware:
         unknown = self._says_version & np.isnan(self.protocol_version)
         due = unknown | (self._says_version & np.isnan(self.firmware_version))
         due &= (self._asked_for < _PATIENCE) | (unknown & (cycle % _PATIENCE == 0))
-        self._identified = not unknown.any() and not due.any() and self._silent < 0
+        self._identified = not unknown.any() and not due.any() and self._watch.silent < 0
         rows = np.flatnonzero(due & (self.state.age < LOST_AFTER))
         count = 0
         for row in rows[np.argsort(self._asked_for[rows], kind="stable")][:_REQUESTS_A_CYCLE].tolist():
@@ -383,29 +375,3 @@ class Hardware:
 def _first(rows: npt.NDArray[np.bool_]) -> int:
     """The first row that is set; −1: none is."""
     return int(np.argmax(rows)) if rows.any() else -1
-
-
-# Few arguments, whole memories (hal.joint, hal.device): in every cycle, handing over an array costs as much as these loops.
-
-
-@compiled
-def _grow_older(joints, n, devices, d, cycles):  # type: ignore[no-untyped-def]
-    joints[4 * n : 5 * n] += cycles
-    devices[MEASURED * d : MEASURED * d + d] += cycles
-
-
-@compiled
-def _survey(joints, drive_state, isolated):  # type: ignore[no-untyped-def]
-    """Fill `drive_state`; (drives whose reply is late but not lost, first lost that is not isolated, first silent), −1: none."""
-    stale, lost, silent, n = 0, -1, -1, drive_state.shape[0]
-    age, status = joints[4 * n : 5 * n], joints[6 * n :].view(np.uint16)
-    for j in range(n):
-        drive_state[j] = STATE_OF_STATUSWORD[status[j] & 0x7F]
-        age[j] = min(age[j], _NEVER)
-        if age[j] > LOST_AFTER:
-            silent = j if silent < 0 else silent
-        elif age[j] > 0:
-            stale += 1
-        if lost < 0 and not isolated[j] and (age[j] > LOST_AFTER or drive_state[j] != _OPERATION_ENABLED):
-            lost = j
-    return stale, lost, silent

@@ -20,12 +20,14 @@ import numpy.typing as npt
 from hal.awake import Awake
 from hal.can import wire
 from hal.can.counting import Ledger
-from hal.can.frames import BYTES, RECORD, WORDS
+from hal.can.frames import BYTES, RECORD, TICK, WORDS
 from hal.can.wire import BusLost
 from handrail.runtime import Runtime
 
 ROOM = 8 * wire.MAX_RECORDS
 """Records that one receive takes in."""
+_FLAGS = RECORD.fields["flags"][1]  # type: ignore[index]
+"""Where in a record they are."""
 
 
 class Port(Protocol):
@@ -100,6 +102,10 @@ class HubPort:
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         self._awake: Awake | None = None
+        # Who sends or receives in every cycle does so with the same array again and again: its views are made once.
+        self._batch = self._received = self._records[:0]
+        self._words = self._buffer[:0]
+        self._data = self._words.data
 
     def take_turns(self) -> None:
         """Wait for frames awake from now on, where there are cores for that: who sends them waits for this process's, too."""
@@ -107,51 +113,63 @@ class HubPort:
 
     def send(self, records: npt.NDArray[np.void]) -> None:
         """Queue frames without waiting, all of them in one datagram where they fit; see Port.send."""
-        if len(records) <= wire.MAX_RECORDS and records.flags.c_contiguous:
-            self._send(records.view(np.uint64), len(records))
-            return
-        for start in range(0, len(records), wire.MAX_RECORDS):
-            batch = np.ascontiguousarray(records[start : start + wire.MAX_RECORDS])
-            self._send(batch.view(np.uint64), len(batch))
+        if records is self._batch:
+            self._send(len(records))
+        elif len(records) <= wire.MAX_RECORDS and records.flags.c_contiguous:
+            self._batch, self._words = records, records.view(np.uint64)
+            self._data = self._words.data
+            self._send(len(records))
+        else:
+            for start in range(0, len(records), wire.MAX_RECORDS):
+                self.send(np.ascontiguousarray(records[start : start + wire.MAX_RECORDS]))
 
-    def _send(self, words: npt.NDArray[np.uint64], n: int) -> None:
+    def _send(self, n: int) -> None:
         if n == 0:
             return  # an empty datagram means that this process leaves
         try:
-            self._socket.send(words.data, socket.MSG_DONTWAIT)
+            self._socket.send(self._data, socket.MSG_DONTWAIT)
         except BlockingIOError:
             self.refused += n
         except OSError as error:
             raise BusLost(f"CAN bus at {self._path}: {error}") from error
         else:
-            self._ledger.count_sent(words, n)
+            self._ledger.count_sent(self._words, n)
 
     def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
-        """All frames that have arrived, in the order in which the buses carried them; see Port.receive."""
-        size, waits, more = 0, timeout_s > 0.0, self._poll.poll
-        if waits and timeout_s != self._patience_s:
+        """All frames that have arrived, in the order in which the buses carried them; see Port.receive.
+
+        Where it was waited for, and what came ends with the plant's word that a cycle is over, what may have come behind that is
+        left for the next call.
+        """
+        size, awaited, more = 0, timeout_s > 0.0, self._poll.poll
+        if awaited and timeout_s != self._patience_s:
             self._set_patience(timeout_s)
-        if waits and self._awake is not None and self._awake.look(more):
-            waits = False
+        there = awaited and self._awake is not None and bool(self._awake.look(more))
         # Where nothing need be there, asking first costs less than trying in vain, which would happen once in every cycle.
-        while size <= BYTES * (ROOM - wire.MAX_RECORDS) and (waits or more(0)):
+        while size <= BYTES * (ROOM - wire.MAX_RECORDS) and (awaited or more(0)):
+            sleeps = awaited and not there
             try:
-                got = self._socket.recv_into(self._bytes[size:], 0, 0 if waits else socket.MSG_DONTWAIT)
+                got = self._socket.recv_into(self._bytes[size:], 0, 0 if sleeps else socket.MSG_DONTWAIT)
             except BlockingIOError:
                 break
             except OSError as error:
                 raise BusLost(f"CAN bus at {self._path}: {error}") from error
             if got == 0:
                 raise BusLost(f"CAN bus at {self._path}: the hub has ended")
-            if waits and self._awake is not None:
+            if sleeps and self._awake is not None:
                 self._awake.woken()
-            size, waits = size + got, False
+            size += got
+            if awaited and self._bytes[size - BYTES + _FLAGS] & TICK:
+                break
+            awaited = False
         if size == 0:
             return self._records[:0]
         n, lost, ticks = self._ledger.take_in(self._buffer, size // BYTES)
         self.lost += lost
         self.ticks += ticks
-        return self._records[:n]
+        if n != len(self._received):
+            self._received = self._records[:n]
+        return self._received
 
     def _set_patience(self, timeout_s: float) -> None:
         """Let `recv` wait at most so long (socket(7), SO_RCVTIMEO, where 0 would be for ever)."""

@@ -49,13 +49,13 @@ from hal.drives.signals import (
     valid,
     words_of,
 )
+from hal.drives.watch import grow_older, survey
 from hal.joint import Mode
 from handrail.compiled import compiled
 
-REPLIES = MOST_PARAMETERS * PARAMETER_COLUMNS
-"""Where in the host's notes the parameter replies of the last batch end, and how many there were is said."""
-NOTES = REPLIES + 1
-"""Words of notes, before what is known of each joint and device: how far its clock is behind, µs; its last sequence number."""
+NOTES = MOST_PARAMETERS * PARAMETER_COLUMNS
+"""Words of the host's notes that are the parameter replies of the last batch. What is known of each joint and device follows: how
+far its clock is behind, µs; a device's last sequence number."""
 
 _TORQUE, _STIFFNESS, _DAMPING = int(Field.TORQUE), int(Field.STIFFNESS), int(Field.DAMPING)
 _POSITION, _TEMPERATURE, _MODE = int(Field.POSITION), int(Field.TEMPERATURE), int(Field.MODE)
@@ -170,12 +170,24 @@ def _measured(words, k, time_op, ops, clocks, row):
 
 
 @compiled
-def decode_status(records, count, code, joint_memory, device_memory, notes, sent):
-    """Take the nodes' frames among the first `count` records in; (good, refused, repeated), and the notes' replies.
+def hear(words, count, code, joint_memory, device_memory, notes, watch, sent, older):
+    """A cycle's hearing: let everything be `older` cycles older, take the nodes' frames among the first `count` records in, and
+    look at all drives; (good, refused, repeated, replies among the notes, late, lost, silent).
 
-    sent: sequence number of what was last sent, −1: unknown.
+    sent: sequence number of what was last sent, −1: unknown; watch: a DriveWatch's memory. One kernel, since calling one costs
+    more than most of this does.
     """
-    words, notes = words_of(records), borrowed(notes)
+    n, d = joints_and_devices(code)
+    grow_older(joint_memory, n, device_memory, d, older)
+    good, refused, repeated, replies = _take_in(words, count, code, joint_memory, device_memory, notes, sent)
+    late, lost, silent = survey(joint_memory, n, watch)
+    return good, refused, repeated, replies, late, lost, silent
+
+
+@compiled
+def _take_in(words, count, code, joint_memory, device_memory, notes, sent):
+    """The nodes' frames among the first `count` records: (good, refused, repeated, replies)."""
+    words, notes = borrowed(words), borrowed(notes)
     frames, ops, scales, lookups, ids, long_ids, _, _ = tables(code)
     n, d = joints_and_devices(code)
     table, times, status, octets = joint_state(joint_memory, n)
@@ -238,5 +250,4 @@ def decode_status(records, count, code, joint_memory, device_memory, notes, sent
                     status[row] |= np.uint16(WARNING)
             elif field == _LIMIT and value != 0.0:
                 status[row] |= np.uint16(INTERNAL_LIMIT)
-    notes[REPLIES] = replies
-    return good, refused, repeated
+    return good, refused, repeated, replies

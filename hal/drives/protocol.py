@@ -17,10 +17,11 @@ from hal.device import COMMANDED, DeviceCommand, DeviceState
 from hal.drives import drive_side, host_side
 from hal.drives.drive_side import decode_host
 from hal.drives.fields import ENTITY, Field, Role
-from hal.drives.host_side import decode_status, encode_host
+from hal.drives.host_side import encode_host, hear
 from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, encode_parameter
 from hal.drives.parameters import ParameterResult
 from hal.drives.program import Program
+from hal.drives.watch import DriveWatch
 from hal.joint import JointCommand, JointState
 
 WATCHDOG_CYCLES = 20
@@ -132,13 +133,16 @@ class LimbProtocol:
         self._code = program.code
         self._sent = -1
         self._notes = np.zeros(host_side.NOTES + n + 2 * d, np.int64)
-        self._replies = self._notes[: host_side.REPLIES].reshape(MOST_PARAMETERS, PARAMETER_COLUMNS)
+        self._replies = self._notes[: host_side.NOTES].reshape(MOST_PARAMETERS, PARAMETER_COLUMNS)
         self._clocks = self._notes[host_side.NOTES :][: n + d].view(np.float64)
         self._clocks[:] = np.nan
         self._device_sequence = self._notes[host_side.NOTES + n + d :]
         # What a batch leaves out.
         self._no_command, self._no_words, self._no_joints = JointCommand(n), np.zeros(n, np.uint8), JointState(n)
         self._no_commands, self._no_states = DeviceCommand(d), DeviceState(d)
+        self._unwatched, self._reply_count = DriveWatch(n), 0
+        self._records = frames.empty(0)
+        self._words = self._records.view(np.uint64)
         self._nobody, self._senders = np.zeros(n + d, np.bool_), np.zeros(n + d, np.int64)
         self._no_sequences = np.zeros(d, np.uint8)
         self.every = np.array([program.families[device.family].every for device in description.devices], np.int64)
@@ -241,21 +245,33 @@ class LimbProtocol:
         sent yet); the caller counts ages up once a cycle before this. Frames whose sequence number does not go on
         count for nothing, but in `repeated`.
         """
-        devices = self._no_states if devices is None else devices
-        good, refused, repeated = decode_status(
-            records, n, self._code, state.memory, devices.memory, self._notes, self._sent
+        return self.hear(records, n, state, self._no_states if devices is None else devices, self._unwatched, 0)
+
+    def hear(
+        self,
+        records: npt.NDArray[np.void],
+        n: int,
+        state: JointState,
+        devices: DeviceState,
+        watch: DriveWatch,
+        older: int,
+    ) -> tuple[int, int]:
+        """The same, of what has become `older` cycles older since; and see then how the drives fare, for `watch`."""
+        if records is not self._records:  # who hears in every cycle does so with the same array again and again
+            self._records, self._words = records, records.view(np.uint64)
+        good, refused, repeated, self._reply_count, watch.late, watch.lost, watch.silent = hear(
+            self._words, n, self._code, state.memory, devices.memory, self._notes, watch.memory, self._sent, older
         )
         self.repeated += repeated
         return good, refused
 
     def replies(self) -> list[ParameterReply]:
-        """The parameter replies among the records of the last `decode_status`."""
-        count = int(self._notes[host_side.REPLIES])
-        if not count:  # as in nearly every cycle
+        """The parameter replies among the records of the last `decode_status` or `hear`."""
+        if not self._reply_count:  # as in nearly every cycle
             return []
         return [
             ParameterReply(row[0], row[2], bool(row[3]), row[7], row[4], _float(row[5]))
-            for row in self._replies[:count].tolist()
+            for row in self._replies[: self._reply_count].tolist()
         ]
 
     def encode_request(

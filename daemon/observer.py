@@ -80,12 +80,13 @@ class WristSensor:
         pin.framesForwardKinematics(model, data, kinematics.configuration(kinematics.description.home_position()))
         into_joint = data.oMi[self._joint].inverse()
         carried = {frame.parentFrame}
-        self._inertia = self._of(model, frame.parentFrame, into_joint, data)
+        self.inertia = self._of(model, frame.parentFrame, into_joint, data)
+        """of all that it carries, in the frame of the joint that carries it"""
         for number, other in enumerate(model.frames):
             if other.parentFrame in carried and number not in carried:
                 carried.add(number)
                 if model.frames[frame.parentFrame].type != pin.JOINT or other.parentJoint != self._joint:
-                    self._inertia += self._of(model, number, into_joint, data)
+                    self.inertia += self._of(model, number, into_joint, data)
         self.frames = frozenset(model.frames[number].name for number in carried)
         """that the sensor carries, its own link included"""
 
@@ -109,7 +110,7 @@ class WristSensor:
         `moved`: with each joint's velocity and acceleration, gravity's included (pinocchio's `v`, `a_gf`).
         """
         velocity, acceleration = moved.v[self._joint], moved.a_gf[self._joint]
-        kept_moving = self._inertia * acceleration + self._inertia.vxiv(velocity)
+        kept_moving = self.inertia * acceleration + self.inertia.vxiv(velocity)
         self._read_into[:] = self._values
         return kept_moving + self._placement.act(self._reading)
 

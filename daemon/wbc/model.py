@@ -82,7 +82,7 @@ class WholeBodyModel:
         if lock:
             reference = pin.neutral(model)
             reference[model.nq - kinematics.model.nq :] = kinematics.configuration(description.home_position())
-            model = pin.buildReducedModel(_with_frames_of_one_name_each(model), lock, reference)
+            model = pin.buildReducedModel(with_frames_of_one_name_each(model), lock, reference)
         return cls(model, description.joints)
 
     def place(
@@ -164,11 +164,11 @@ class WholeBodyModel:
         memory.put("bias", data.nle.reshape(1, -1))
         memory.put("jacobian", data.J.T)
         memory.put("momentum", data.Ag.T)
-        memory.put("placement", _placements(data.oMi, n))
-        memory.put("parent_placement", _placements(data.liMi, n))
-        memory.put("velocity", _spatial(data.v, n))
-        memory.put("drift", _spatial(data.a_gf, n))
-        memory.put("force", _spatial(data.f, n))
+        memory.put("placement", placements(data.oMi, n))
+        memory.put("parent_placement", placements(data.liMi, n))
+        memory.put("velocity", spatial(data.v, n))
+        memory.put("drift", spatial(data.a_gf, n))
+        memory.put("force", spatial(data.f, n))
         memory.put("com", np.asarray(data.oYcrb[0].lever).reshape(1, 3))
         memory.put("state", self.state)
 
@@ -182,7 +182,7 @@ def _put(position, velocity, rows, ahead, q, v, state):  # type: ignore[no-untyp
         v[c] = state[1, c] = velocity[i]
 
 
-def _with_frames_of_one_name_each(model: pin.Model) -> pin.Model:
+def with_frames_of_one_name_each(model: pin.Model) -> pin.Model:
     """A copy in which no other frame has a link's name: reducing a model looks frames up by name alone."""
     model = pin.Model(model)
     links = {frame.name for frame in model.frames if frame.type == pin.BODY}
@@ -199,8 +199,8 @@ def _strided(first: Array, second: Array, n: int, width: int) -> Array:
     return np.lib.stride_tricks.as_strided(first, (n, width), (width * 8, 8))
 
 
-def _placements(vector: Sequence[pin.SE3], n: int) -> Array:
-    """(n, 12): rotation by columns, translation."""
+def placements(vector: Sequence[pin.SE3], n: int) -> Array:
+    """(n, 12), a view: rotation by columns, translation."""
     flat = [vector[i].rotation.T.reshape(-1) for i in range(min(n, 2))]
     view = _strided(flat[0], flat[-1], n, 12)
     for i in range(n):
@@ -210,8 +210,8 @@ def _placements(vector: Sequence[pin.SE3], n: int) -> Array:
     return view
 
 
-def _spatial(vector: Sequence[pin.Motion], n: int) -> Array:
-    """(n, 6): linear, angular."""
+def spatial(vector: Sequence[pin.Motion], n: int) -> Array:
+    """(n, 6), a view: linear, angular."""
     flat = [vector[i].vector for i in range(min(n, 2))]
     view = _strided(flat[0], flat[-1], n, 6)
     if any(not np.array_equal(view[i], vector[i].vector, equal_nan=True) for i in range(n)):

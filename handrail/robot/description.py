@@ -177,6 +177,11 @@ class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     integral: _Integral | None = None
 
 
+class _FootFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    link: str
+    size: tuple[Positive, Positive]
+
+
 class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     name: str
     model: urdf.Model
@@ -189,6 +194,7 @@ class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     base: Literal["fixed", "free"] = "fixed"
     support: Literal["gantry", "none"] = "none"
     floor: float | None = None
+    feet: dict[str, _FootFile] = {}
     actuators: dict[str, Actuator] = {}
     parallel_pairs: list[ParallelPair] = []
     cameras: list[Camera] = []
@@ -223,6 +229,16 @@ class Device:
     """gripper: the joint that its one drive moves; others mimic it"""
     noise: SensorNoise = USUAL_NOISE
     """imu, force_torque: what the simulated one adds to the truth"""
+
+
+@dataclass(frozen=True)
+class Foot:
+    """What a robot with a free base stands on. `link`: its frame is in the middle of the flat sole, z up, x forwards."""
+
+    name: str
+    link: str
+    size: tuple[float, float]
+    """m, length and width of the sole"""
 
 
 @dataclass(frozen=True)
@@ -300,6 +316,7 @@ class RobotDescription:
     """what holds a free base in the plant; a gantry lets it neither move nor turn"""
     floor: float | None
     """m, height of the plant's floor below the base's frame at the start; none: there is no floor"""
+    feet: tuple[Foot, ...]
     devices: tuple[Device, ...]
     """in the order of robot.yaml"""
     mimics: dict[str, Mimic]
@@ -445,6 +462,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         base=file.base,
         support=file.support,
         floor=file.floor,
+        feet=_feet(document, file, tree),
         devices=devices,
         mimics=mimics,
         device_limits={device.joint: limits[device.joint] for device in devices if device.joint},
@@ -495,6 +513,16 @@ def _devices(
             Device(device.name, device.family, index, device.channel, device.link, device.joint, device.noise)
         )
     return tuple(devices)
+
+
+def _feet(document: config.Document, file: _RobotFile, tree: ET.Element) -> tuple[Foot, ...]:
+    links = {link.get("name", "") for link in tree.findall("link")}
+    for name, foot in file.feet.items():
+        if file.base == "fixed":
+            raise document.error(f"feet.{name}", "the base is fixed; expected feet of a robot with base: free alone")
+        if foot.link not in links:
+            raise document.error(f"feet.{name}.link", f"no link {foot.link!r} in the URDF")
+    return tuple(Foot(name, foot.link, foot.size) for name, foot in file.feet.items())
 
 
 def _actuators(document: config.Document, given: dict[str, Actuator], joints: Sequence[str]) -> tuple[Actuator, ...]:

@@ -7,6 +7,9 @@ WARM := $(VENV)/.warm
 KERNELS := handrail/compiled.py $(shell grep -rlE --include='*.py' '^@(compiled|njit)' hal daemon engines)
 ARGS ?=
 
+# Containers often set it: each of the hundreds of processes that the tests start would read every library's sources anew, uv leaves none compiled.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test soak setup lint format lock clean help
 
 help:            ## this text

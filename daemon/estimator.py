@@ -53,13 +53,14 @@ from daemon.invariant_filter import (
     turn_back,
 )
 from daemon.observer import OBSERVER_HZ, SENSOR_AGE, WristSensor
-from daemon.wbc.model import placements, spatial, with_frames_of_one_name_each
+from daemon.wbc.model import with_frames_of_one_name_each
 from hal.device import DeviceState
 from hal.drives.lifecycle import State, decode_statusword
 from hal.joint import JointState
 from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
+from handrail.robot.model_memory import motions, placements
 
 Array = NDArray[np.float64]
 
@@ -168,7 +169,7 @@ class BaseEstimator:
         self._data, self._other = model.createData(), model.createData()
         self._rows = np.array([description.joints.index(name) for name in model.names[1:]], np.int64)
         self._q, self._v, self._zero = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
-        self._placement, self._motion = placements(self._data.oMi, model.njoints), spatial(self._data.v, model.njoints)
+        self._placement, self._motion = placements(self._data.oMi), motions(self._data.v)
         chains = [_chain(model, link) for link in links]
         self._chains = np.full((1 + n, max(map(len, chains))), -1, np.int64)
         for row, chain in enumerate(chains):

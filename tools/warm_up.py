@@ -90,12 +90,23 @@ def _whole_body() -> None:
 
 
 def _planner() -> None:
+    import numpy as np
+
+    from engines.planning.ik.constraints import Clearance
+    from engines.planning.ik.mechanism import Mechanism
+    from engines.planning.ik.scene import Scene
+    from engines.planning.ik.solver import Solver
     from engines.planning.manipulation import ManipulationPlanner
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
 
     description = robots.load(ROBOT)
-    ManipulationPlanner(description, Kinematics(description))
+    kinematics = Kinematics(description)
+    ManipulationPlanner(description, kinematics)
+    mechanism = Mechanism.of(kinematics)
+    Solver(mechanism).solve(
+        [Clearance(scene=Scene(mechanism))], mechanism.configuration(np.zeros(len(mechanism.joints)))
+    )
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from daemon.wbc.memory import Array, Integers, Memory
 from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
+from handrail.robot.model_memory import motions, placements
 
 FREE_BASE = 6
 """velocities of a free base before those of the joints"""
@@ -158,17 +159,17 @@ class WholeBodyModel:
 
         Raises RuntimeError for a pinocchio that lays its memory out otherwise.
         """
-        data, n = self.data, self.model.njoints
+        data = self.data
         memory.hold(self)
         memory.put("mass", data.M.T)
         memory.put("bias", data.nle.reshape(1, -1))
         memory.put("jacobian", data.J.T)
         memory.put("momentum", data.Ag.T)
-        memory.put("placement", placements(data.oMi, n))
-        memory.put("parent_placement", placements(data.liMi, n))
-        memory.put("velocity", spatial(data.v, n))
-        memory.put("drift", spatial(data.a_gf, n))
-        memory.put("force", spatial(data.f, n))
+        memory.put("placement", placements(data.oMi))
+        memory.put("parent_placement", placements(data.liMi))
+        memory.put("velocity", motions(data.v))
+        memory.put("drift", motions(data.a_gf))
+        memory.put("force", motions(data.f))
         memory.put("com", np.asarray(data.oYcrb[0].lever).reshape(1, 3))
         memory.put("state", self.state)
 
@@ -190,30 +191,3 @@ def with_frames_of_one_name_each(model: pin.Model) -> pin.Model:
         if frame.type != pin.BODY and frame.name in links:
             frame.name += " joint"
     return model
-
-
-def _strided(first: Array, second: Array, n: int, width: int) -> Array:
-    step = second.ctypes.data - first.ctypes.data if n > 1 else width * 8
-    if step != width * 8:
-        raise RuntimeError(f"pinocchio {pin.__version__}: elements are {step} bytes apart; expected {width * 8}")
-    return np.lib.stride_tricks.as_strided(first, (n, width), (width * 8, 8))
-
-
-def placements(vector: Sequence[pin.SE3], n: int) -> Array:
-    """(n, 12), a view: rotation by columns, translation."""
-    flat = [vector[i].rotation.T.reshape(-1) for i in range(min(n, 2))]
-    view = _strided(flat[0], flat[-1], n, 12)
-    for i in range(n):
-        expected = np.concatenate((vector[i].rotation.T.reshape(-1), vector[i].translation))
-        if not np.array_equal(view[i], expected, equal_nan=True):
-            raise RuntimeError(f"pinocchio {pin.__version__}: SE3 is not laid out as rotation by columns, translation")
-    return view
-
-
-def spatial(vector: Sequence[pin.Motion], n: int) -> Array:
-    """(n, 6), a view: linear, angular."""
-    flat = [vector[i].vector for i in range(min(n, 2))]
-    view = _strided(flat[0], flat[-1], n, 6)
-    if any(not np.array_equal(view[i], vector[i].vector, equal_nan=True) for i in range(n)):
-        raise RuntimeError(f"pinocchio {pin.__version__}: motions are not laid out as six numbers")
-    return view

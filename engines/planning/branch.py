@@ -17,8 +17,8 @@ from affordance_templates.template import ResolvedWaypoint
 from engines.planning import constraints
 from engines.planning.assessment import Assessor
 from engines.planning.constraints import Constraint
-from engines.planning.ik import Reach, TipSolver
 from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.tip_solver import Reach, TipSolver
 from engines.planning.visit import TipPath, Visit
 
 Array = NDArray[np.float64]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from affordance_templates.instance import Instance
 from engines.planning.assessment import Assessor
 from engines.planning.collision import CollisionScene, RobotBodies
-from engines.planning.ik import TipSolver
 from engines.planning.obstacles import obstacles_of
 from engines.planning.path import Leg
 from engines.planning.plan import Plan, Segment
 from engines.planning.stroke import Stroke
 from engines.planning.timing import Limits, parametrise
+from engines.planning.tip_solver import TipSolver
 from engines.planning.visit import Visit
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
 from handrail.robot.description import Arm, RobotDescription

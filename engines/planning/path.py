@@ -15,8 +15,8 @@ from engines.planning.branch import Branch, expected_force
 from engines.planning.collision import Clearance
 from engines.planning.constraints import Constraint
 from engines.planning.free_motion import free_way
-from engines.planning.ik import Reach, TipSolver
 from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.tip_solver import Reach, TipSolver
 from engines.planning.visit import TipPath, Visit
 
 Array = NDArray[np.float64]

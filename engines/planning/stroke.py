@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from engines.planning.assessment import Assessor
 from engines.planning.branch import Branch, BranchSearch
-from engines.planning.ik import TipSolver, starts
 from engines.planning.path import Leg, PathBuilder
 from engines.planning.plan import Infeasible
+from engines.planning.tip_solver import TipSolver, starts
 from engines.planning.visit import Visit
 
 Array = NDArray[np.float64]

@@ -11,10 +11,10 @@ from scipy.stats import qmc
 
 from engines.planning.free_motion import free_way
 from engines.planning.halton import halton
-from engines.planning.ik import TipSolver, starts
 from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
 from engines.planning.timing import Limits, accelerations, parametrise, peak_velocities
+from engines.planning.tip_solver import TipSolver, starts
 from engines.planning.visit import Visit
 
 

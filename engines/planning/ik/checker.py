@@ -1,0 +1,179 @@
+"""Whether a configuration keeps its constraints: measured anew, sharing nothing with the solver but the model.
+
+Each constraint is measured from link placements as its definition reads (angles by trace and cross product, distances by coal over
+all pairs, support by the polygon itself), without linearisation, kernels or tables: a mistake there shows here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from engines.planning.ik import constraints as kinds
+from engines.planning.ik.constraints import Constraint
+from engines.planning.ik.hull import hull
+from engines.planning.ik.mechanism import Mechanism
+from engines.planning.ik.report import Measure
+from engines.planning.obstacles import placement_of
+from handrail.messages import Pose as PoseMessage
+
+Array = NDArray[np.float64]
+
+LENGTH, ANGLE = 1e-4, 1e-3
+"""m, rad: what a constraint may be missed by and still counts as kept"""
+_AXES = "xyz"
+
+
+class Checker:
+    """Measures configurations of one mechanism. Not for several threads at once."""
+
+    def __init__(self, mechanism: Mechanism):
+        self._mechanism = mechanism
+        self._data = mechanism.model.createData()
+
+    def violations(self, constraints: Sequence[Constraint], q: Array) -> tuple[Measure, ...]:
+        """What is missed by more than is tolerated, worst first; joint limits are always checked."""
+        return missed(self.measures(constraints, q))
+
+    def measures(self, constraints: Sequence[Constraint], q: Array) -> list[Measure]:
+        """All figures of all constraints, and of the joints' limits where those are missed."""
+        pin.forwardKinematics(self._mechanism.model, self._data, q)
+        found = list(self._limits(q))
+        for constraint in constraints:
+            found.extend(self._measure(constraint, q))
+        return found
+
+    def _frame(self, name: str) -> pin.SE3:
+        if not name:
+            return pin.SE3.Identity()
+        return pin.updateFramePlacement(self._mechanism.model, self._data, self._mechanism.frame_id(name))
+
+    def _limits(self, q: Array) -> Iterator[Measure]:
+        mechanism = self._mechanism
+        low, high = mechanism.lower[mechanism.v_rows], mechanism.upper[mechanism.v_rows]
+        x = q[mechanism.q_rows]
+        for k in np.flatnonzero((x < low) | (x > high)):
+            unit = mechanism.unit_of(int(mechanism.v_rows[k]))
+            yield Measure("joint limits", mechanism.joints[k], float(x[k]), float(low[k]), float(high[k]), unit)
+
+    def _measure(self, constraint: Constraint, q: Array) -> Iterator[Measure]:
+        match constraint:
+            case kinds.Position():
+                box = self._box(constraint.in_frame, constraint.box)
+                yield from self._position(constraint, constraint.point, box)
+            case kinds.Orientation():
+                x, y, z, w = constraint.target
+                target = self._frame(constraint.in_frame).rotation @ pin.Quaternion(w, x, y, z).normalized().matrix()
+                yield self._orientation(constraint, target)
+            case kinds.Pose():
+                box = self._box(constraint.in_frame, constraint.target)
+                yield from self._position(constraint, (0.0, 0.0, 0.0), box)
+                yield self._orientation(constraint, box.rotation)
+            case kinds.Direction():
+                axis = self._frame(constraint.frame).rotation @ constraint.axis
+                direction = self._frame(constraint.in_frame).rotation @ constraint.direction
+                yield Measure(constraint.label, "angle", _angle(axis, direction), 0.0, constraint.cone, "rad")
+            case kinds.Gaze():
+                frame = self._frame(constraint.frame)
+                sight = self._frame(constraint.in_frame) * np.array(constraint.target) - frame * np.array(
+                    constraint.origin
+                )
+                angle = _angle(frame.rotation @ constraint.axis, sight)
+                yield Measure(constraint.label, "angle", angle, 0.0, constraint.cone, "rad")
+            case kinds.PointDistance():
+                one = self._frame(constraint.frame) * np.array(constraint.point)
+                other = self._frame(constraint.other) * np.array(constraint.other_point)
+                apart = float(np.linalg.norm(one - other))
+                yield Measure(constraint.label, "distance", apart, constraint.lower, constraint.upper, "m")
+            case kinds.CentreOfMass():
+                com = self._frame(constraint.in_frame).actInv(pin.centerOfMass(self._mechanism.model, self._data, q))
+                for axis, lower, upper, value in zip(_AXES, constraint.lower, constraint.upper, com, strict=True):
+                    yield Measure(constraint.label, axis, float(value), lower, upper, "m")
+            case kinds.Balance():
+                yield self._balance(constraint, q)
+            case kinds.Posture():
+                rows = [self._mechanism.row(joint) for joint in constraint.coefficients]
+                factors = np.array(list(constraint.coefficients.values()))
+                value = float(factors @ q[self._mechanism.coordinate[rows]])
+                unit = self._mechanism.unit_of(rows[0])
+                yield Measure(constraint.label, "relation", value, constraint.lower, constraint.upper, unit)
+            case kinds.JointLimits():
+                for joint in constraint.joints or self._mechanism.joints:
+                    row = self._mechanism.row(joint)
+                    low, high = (
+                        self._mechanism.lower[row] + constraint.margin,
+                        self._mechanism.upper[row] - constraint.margin,
+                    )
+                    x = float(q[self._mechanism.coordinate[row]])
+                    yield Measure(constraint.label, joint, x, float(low), float(high), self._mechanism.unit_of(row))
+            case kinds.Clearance():
+                yield self._clearance(constraint)
+            case kinds.BodyDistance():
+                yield self._body_distance(constraint)
+            case _:
+                raise TypeError(f"got {type(constraint).__name__}; expected one of engines.planning.ik.constraints")
+
+    def _box(self, frame: str, pose: PoseMessage) -> pin.SE3:
+        return self._frame(frame) * placement_of(pose)
+
+    def _position(self, c: kinds.Position | kinds.Pose, point: kinds.Vector, box: pin.SE3) -> Iterator[Measure]:
+        frame = self._frame(c.frame)
+        found = box.actInv(frame.act(np.array(point)) if any(point) else frame.translation).tolist()
+        for axis, lower, upper, value in zip(_AXES, c.lower, c.upper, found, strict=True):
+            if lower > -np.inf or upper < np.inf:
+                yield Measure(c.label, axis, value, lower, upper, "m")
+
+    def _orientation(self, c: kinds.Orientation | kinds.Pose, target: Array) -> Measure:
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (target.T @ self._frame(c.frame).rotation).tolist()
+        sine = math.sqrt((zy - yz) ** 2 + (xz - zx) ** 2 + (yx - xy) ** 2)
+        return Measure(c.label, "angle", math.atan2(sine, xx + yy + zz - 1.0), 0.0, c.angle, "rad")
+
+    def _balance(self, c: kinds.Balance, q: Array) -> Measure:
+        points = np.array(
+            [self._frame(frame) * np.array(point) for frame, many in c.contacts.items() for point in many]
+        )
+        corners, _ = hull(points[:, :2])
+        ahead = np.roll(corners, -1, axis=0) - corners
+        away = pin.centerOfMass(self._mechanism.model, self._data, q)[:2] - corners
+        margins = (ahead[:, 0] * away[:, 1] - ahead[:, 1] * away[:, 0]) / np.hypot(ahead[:, 0], ahead[:, 1])
+        return Measure(c.label, "margin of the centre of mass", float(margins.min()), c.margin, np.inf, "m")
+
+    def _clearance(self, c: kinds.Clearance) -> Measure:
+        scene = c.scene
+        if not len(scene.pairs):
+            return Measure(c.label, "no bodies", np.inf, c.at_least, np.inf, "m")
+        scratch = scene.geometry.createData()
+        pin.updateGeometryPlacements(self._mechanism.model, self._data, scene.geometry, scratch)
+        nearest = pin.computeDistances(scene.geometry, scratch)
+        first, second = scene.pairs[nearest]
+        apart = float(scratch.distanceResults[nearest].min_distance)
+        return Measure(c.label, f"{scene.names[first]} and {scene.names[second]}", apart, c.at_least, np.inf, "m")
+
+    def _body_distance(self, c: kinds.BodyDistance) -> Measure:
+        scene = c.scene
+        geometry = pin.GeometryModel(scene.geometry)
+        geometry.removeAllCollisionPairs()
+        for i in scene.bodies_of(c.link):
+            for j in scene.bodies_of(c.other):
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+        scratch = geometry.createData()
+        pin.updateGeometryPlacements(self._mechanism.model, self._data, geometry, scratch)
+        nearest = pin.computeDistances(geometry, scratch)
+        apart = float(scratch.distanceResults[nearest].min_distance)
+        return Measure(c.label, f"{c.link} and {c.other}", apart, c.lower, c.upper, "m")
+
+
+def missed(measures: Sequence[Measure]) -> tuple[Measure, ...]:
+    """Those that are missed by more than is tolerated, worst first."""
+    found = [m for m in measures if not m.by <= (ANGLE if m.unit == "rad" else LENGTH)]  # not finite: missed
+    return tuple(sorted(found, key=lambda m: -m.by * (0.3 if m.unit == "rad" else 1.0))) if found else ()
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Between two directions, rad; exact for small ones and near π (Kahan)."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    return float(2.0 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))

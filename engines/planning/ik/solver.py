@@ -1,0 +1,194 @@
+"""Inverse kinematics for one configuration: constraints in, the checked configuration nearest to a nominal one out.
+
+minimise ½ Σ weight · (q ⊖ nominal)², subject to all constraints and the joints' limits (Fallon et al. 2015, §4.1): from the start
+that is given (else the nominal configuration) first, then from others around it. The same question has the same answer; `seed`
+draws other starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from engines.planning.ik import constraints as kinds
+from engines.planning.ik.checker import Checker
+from engines.planning.ik.constraints import Constraint
+from engines.planning.ik.descent import Descent, Ending, Settings, Workspace
+from engines.planning.ik.goals import goals_inside
+from engines.planning.ik.mechanism import Mechanism
+from engines.planning.ik.nearness import Bodies, Nearness
+from engines.planning.ik.relaxation import granted, stages
+from engines.planning.ik.report import Answer
+from engines.planning.ik.scene import Scene
+from engines.planning.ik.table import Table, table_of
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_BASE_WEIGHT = 0.1
+"""a free base moves that much more willingly than a joint"""
+_SOFTENED = 0.03
+"""of the weight of a constraint that may give way: enough for the others to be kept to a thousandth of what it gives"""
+_SPREAD = np.array([0.25, 0.5, 0.75, 1.0])
+"""of the joints' ranges, that starts after the first are drawn from"""
+
+
+class Solver:
+    """For one mechanism; keeps its scratch memory between questions. One question at a time."""
+
+    def __init__(self, mechanism: Mechanism, settings: Settings | None = None):
+        self.mechanism = mechanism
+        self._settings = settings or Settings()
+        self._workspace = Workspace(mechanism)
+        self._checker = Checker(mechanism)
+        self._bodies: WeakKeyDictionary[Scene, dict[tuple[str, ...], Bodies]] = WeakKeyDictionary()
+
+    def solve(
+        self, constraints: Sequence[Constraint], nominal: Array, *, start: Array | None = None,
+        moving: Sequence[str] | None = None, base_moves: bool = True, weights: Mapping[str, float] | None = None,
+        starts: int = 5, seed: int = 0, relax: bool = False,
+    ) -> Answer:  # fmt: skip
+        """The configuration nearest to `nominal` (nq,) that keeps all constraints; if none was found, the one that misses least.
+
+        :param start: (nq,), where to begin; None: at `nominal`
+        :param moving: joints that may move; None: all. The others stay where `start` has them
+        :param base_moves: whether a free base may
+        :param weights: joint → factor of its squared distance to nominal; 1 where left out
+        :param starts: configurations to begin from until one leads to an answer
+        :param seed: of the starts after the first
+        :param relax: whether constraints with a priority above 0 give way when there is no answer: the largest number first, as
+            little as possible; `Answer.given` says how much each gave
+        :raises ValueError: a question that can't be meant, naming constraint, field, value and what was expected
+        """
+        mechanism = self.mechanism
+        nominal = mechanism.within_limits(mechanism.check_configuration("nominal", nominal))
+        if start is not None:
+            start = mechanism.within_limits(mechanism.check_configuration("start", start))
+        if starts < 1:
+            raise ValueError(f"starts: got {starts}; expected 1 or more")
+        columns = self._columns(moving, base_moves)
+        cost = self._cost(weights)
+        first = nominal if start is None else start
+        table = table_of(mechanism, constraints, first)
+        near = [(number, self._nearness(constraint)) for number, constraint in table.bodies]
+        descent = Descent(self._workspace, table, near, nominal, cost, columns, self._settings)
+        first = self._within(first, table, columns)
+        best, answer = self._search(descent, constraints, table, columns, first, starts, seed)
+        if answer.feasible:
+            return answer
+        if relax:
+            answer = self._relax(constraints, best, answer, nominal, cost, columns)
+        if answer.feasible:
+            return answer
+        return replace(answer, violations=(*goals_inside(constraints), *answer.violations))
+
+    def _search(
+        self, descent: Descent, constraints: Sequence[Constraint], table: Table, columns: Integers, first: Array, starts: int,
+        seed: int,
+    ) -> tuple[Ending, Answer]:  # fmt: skip
+        iterations, best, answer = 0, None, None
+        for number, begin in enumerate(self._starts(first, table, columns, starts, seed), 1):
+            ending = descent.run(begin)
+            iterations += ending.iterations
+            if ending.kept or best is None or ending.violation < best.violation:
+                q = self._within(ending.q, table, columns)  # a step to a limit ends a rounding error beyond it
+                violations = self._checker.violations(constraints, q)
+                answer = Answer(q, ending.cost, violations, (), iterations, number)
+                best = ending
+                if not violations:
+                    return best, answer
+        assert best is not None and answer is not None
+        return best, replace(answer, iterations=iterations, starts=starts)
+
+    def _relax(
+        self,
+        constraints: Sequence[Constraint],
+        best: Ending,
+        answer: Answer,
+        nominal: Array,
+        cost: Array,
+        columns: Integers,
+    ) -> Answer:
+        """Ever more priorities made soft, from where the search ended; then what they gave is granted, and the cost made least."""
+        iterations = answer.iterations
+        for soft in stages(constraints):
+            table = table_of(self.mechanism, constraints, best.q)
+            table.weight *= np.array([_SOFTENED if part.owner in soft else 1.0 for part in table.parts])
+            near = [(number, self._nearness(constraint)) for number, constraint in table.bodies]
+            patient = replace(self._settings, patience=12)
+            ending = Descent(self._workspace, table, near, nominal, cost, columns, patient).run(best.q)
+            loosened = granted(constraints, soft, lambda c, q=ending.q: self._checker.measures([c], q))  # type: ignore[misc]
+            table = table_of(self.mechanism, loosened, ending.q)
+            near = [(number, self._nearness(constraint)) for number, constraint in table.bodies]
+            final = Descent(self._workspace, table, near, nominal, cost, columns, self._settings).run(ending.q)
+            iterations += ending.iterations + final.iterations
+            q = self._within(final.q, table, columns)
+            violations = self._checker.violations([c for n, c in enumerate(constraints) if n not in soft], q)
+            if not violations:
+                given = self._checker.violations([constraints[number] for number in sorted(soft)], q)
+                return Answer(q, final.cost, (), given, iterations, answer.starts)
+        return replace(answer, iterations=iterations)
+
+    def _starts(self, first: Array, table: Table, columns: Integers, starts: int, seed: int) -> Iterator[Array]:
+        """The first, then others drawn about it, further and further away. Only what moves differs."""
+        yield first
+        mechanism = self.mechanism
+        generator = np.random.default_rng(seed)
+        moved = np.array([c for c in columns if c >= mechanism.base], np.int64)
+        low, high = np.maximum(table.low, -np.pi)[moved], np.minimum(table.high, np.pi)[moved]
+        for number in range(starts - 1):
+            step = np.zeros(mechanism.nv)
+            drawn = generator.uniform(low, high)
+            have = mechanism.coordinate[moved] >= 0
+            step[moved[have]] = _SPREAD[number % len(_SPREAD)] * (
+                drawn[have] - first[mechanism.coordinate[moved[have]]]
+            )
+            yield pin.integrate(mechanism.model, first, step)
+
+    def _within(self, q: Array, table: Table, columns: Integers) -> Array:
+        """q with the joints that move within their limits, margins included."""
+        mechanism, q = self.mechanism, q.copy()
+        moved = columns[mechanism.coordinate[columns] >= 0]
+        rows = mechanism.coordinate[moved]
+        q[rows] = np.minimum(np.maximum(q[rows], table.low[moved]), table.high[moved])
+        return q
+
+    def _columns(self, moving: Sequence[str] | None, base_moves: bool) -> Integers:
+        mechanism = self.mechanism
+        base = list(range(mechanism.base)) if base_moves else []
+        if moving is None:
+            rows = base + list(range(mechanism.base, mechanism.nv))
+        else:
+            rows = base + [_named("moving", mechanism, joint) for joint in moving]
+        if not rows:
+            raise ValueError(f"moving: got {moving}; expected a joint, or a base, that moves")
+        return np.array(rows, np.int64)
+
+    def _cost(self, weights: Mapping[str, float] | None) -> Array:
+        cost = np.ones(self.mechanism.nv)
+        cost[: self.mechanism.base] = _BASE_WEIGHT
+        for joint, weight in (weights or {}).items():
+            if not 0.0 < weight < np.inf:
+                raise ValueError(f"weights[{joint!r}]: got {weight}; expected a finite number above 0")
+            cost[_named("weights", self.mechanism, joint)] = weight
+        return cost
+
+    def _nearness(self, constraint: kinds.Clearance | kinds.BodyDistance) -> Nearness:
+        """Of a scene that was asked about before it is kept: making one copies its geometry."""
+        links = () if isinstance(constraint, kinds.Clearance) else (constraint.link, constraint.other)
+        kept = self._bodies.setdefault(constraint.scene, {})
+        if links not in kept:
+            kept[links] = Bodies(self.mechanism, self._workspace.data, constraint.scene, *links)
+        return kept[links].within(constraint)
+
+
+def _named(field: str, mechanism: Mechanism, joint: str) -> int:
+    try:
+        return mechanism.row(joint)
+    except ValueError as problem:
+        raise ValueError(f"{field}: {problem}") from None

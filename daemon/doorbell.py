@@ -5,7 +5,11 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
+import time
 from pathlib import Path
+
+BELL_PERIOD_NS = 10_000_000
+"""of wall time, after which the server is woken when nothing else happens: in lock-step it then finds several states at once"""
 
 
 class Doorbell:
@@ -66,6 +70,22 @@ class Bell:
 
     def close(self) -> None:
         self._socket.close()
+
+
+class PacedBell(Bell):
+    """Rings at once when something happened, else now and then."""
+
+    def __init__(self, path: Path, period_ns: int = BELL_PERIOD_NS):
+        """`period_ns`: of wall time, after which it rings when nothing happened."""
+        super().__init__(path)
+        self._period_ns, self._rang_ns = period_ns, 0
+
+    def tell(self, happened: bool) -> None:
+        """Ring, if it is time to."""
+        now = time.monotonic_ns()
+        if happened or now - self._rang_ns >= self._period_ns:
+            self._rang_ns = now
+            self.ring()
 
 
 def server_doorbell(folder: Path) -> Path:

@@ -57,6 +57,7 @@ def children(
     camera: bool = True,
     bus_timing: bool = False,
     faults: Path | None = None,
+    record: Path | None = None,
 ) -> list[Child]:
     """The processes of this robot's service, in the order in which they start. Raises UsageError and ConfigError.
 
@@ -76,6 +77,9 @@ def children(
     place = ("--runtime", str(runtime.folder))
     robot_and_clock = ("--robot", robot, "--clock", clock.value, *place)
     processes = []
+    if record is not None:
+        # First, and so ended last: what the others say at their end is recorded, too.
+        processes.append(Child("recorder", (*python, "daemon.recorder", "--out", str(record.absolute()), *place)))
     if simulated:
         on_bus = (
             *(["--bus-timing"] if bus_timing else []),
@@ -85,7 +89,8 @@ def children(
             Child("plant", (*python, "hal.plant.world", "--scene", _checked_scene(scene), *robot_and_clock, *on_bus))
         )
     with_plant = ("plant",) if simulated else ()
-    processes.append(Child("loop", (*python, "daemon.loop", *robot_and_clock), bound_to=with_plant))
+    tape = ("--tape",) if record is not None else ()
+    processes.append(Child("loop", (*python, "daemon.loop", *robot_and_clock, *tape), bound_to=with_plant))
     processes.append(Child("server", (*python, "daemon.server", *robot_and_clock)))
     if engine:
         processes.append(Child("engine", (*python, "engines.engine", "--robot", robot, *place), after=("server",)))
@@ -156,6 +161,7 @@ def drop_leftovers(runtime: Runtime, description: RobotDescription) -> None:
     What this robot's own left stays: a server that starts tells how its actions ended, and latches its operator stop again.
     """
     snapshot = exchange.snapshot_dtype(description)
+    runtime.tape.unlink(missing_ok=True)  # of a recording that has ended: none of the next one's
     drop_unless_fit(runtime.state_ring, magic=ring.MARK, record_size=snapshot.itemsize)
     drop_unless_fit(runtime.mailbox, magic=mailbox.MARK, record_size=exchange.COMMAND.itemsize)
     drop_unless_fit(runtime.timing, magic=timing.MARK, record_size=timing.RECORD.itemsize)
@@ -201,6 +207,12 @@ def up(
     faults: Annotated[
         Path | None, typer.Option(help="YAML file of faults that a simulated robot's bus shall have.")
     ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            help="MCAP file to record everything in that the robot says, and its control loop so that `handrail replay` can run it."
+        ),
+    ] = None,
 ) -> None:
     """Start a robot's service: plant and cameras (if simulated), loop, server, engine and link, and keep them alive until Ctrl-C.
 
@@ -222,6 +234,7 @@ def up(
             camera=camera,
             bus_timing=bus_timing,
             faults=faults,
+            record=record,
         )
         if check:
             check_network(description)

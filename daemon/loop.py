@@ -15,7 +15,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from daemon import exchange
 from daemon.actions import Action, ActionTable
@@ -23,7 +23,7 @@ from daemon.bus_watch import NODE
 from daemon.controller_table import ControllerTable
 from daemon.controllers.base import Gains
 from daemon.devices import Devices
-from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon.doorbell import Doorbell, PacedBell, loop_doorbell, server_doorbell
 from daemon.exchange import Rule
 from daemon.gains import joint_damping
 from daemon.inputs import Inputs
@@ -60,8 +60,6 @@ BEAT_S = 0.1
 """wall time between two looks around while the loop waits, and between two HoldTime frames"""
 PRIORITY, CPUS = 80, (1,)
 """under the wall clock: of SCHED_FIFO, above the plant's, and on the other core"""
-BELL_PERIOD_NS = 10_000_000
-"""of wall time, after which the server is woken when nothing else happens: in lock-step it then finds several states at once"""
 
 
 class Loop:
@@ -76,9 +74,8 @@ class Loop:
         core: CorePair | None = None,
         inputs: Inputs | None = None,
     ):
-        """`core`: shared with the plant, with which the loop takes turns in lock-step; None: wherever the kernel wants.
-
-        `inputs`: what it takes in beside the bus; None: as it comes."""
+        """`core`: shared with the plant, with which the loop takes turns in lock-step; None: wherever the kernel wants. `inputs`:
+        all that it takes in beside the bus; None: as it comes."""
         self.inputs = inputs = inputs or Inputs(runtime)
         description = kinematics.description
         n, period = len(description.joints), description.period_ns * 1e-9
@@ -98,7 +95,7 @@ class Loop:
         self.written, self._next = JointCommand(n), JointCommand(n)
 
         self.stop_socket, hardware.waits_on = inputs.stops, inputs.waits_on
-        self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), Bell(server_doorbell(runtime.folder))
+        self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), PacedBell(server_doorbell(runtime.folder))
         frames = exchange.frame_names(description)
         maker = inputs.maker(kinematics, gains, period, lockstep)
         served = (self.life, self.actions, self.controllers, self.devices, self.holds, maker)
@@ -108,7 +105,7 @@ class Loop:
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, *who)
         self.timing = TimingWriter(runtime.timing)
         self.time_ns = -self.period_ns
-        self.cycles = self.misses = self.work_ns = self.late_ns = self._rang_ns = 0
+        self.cycles = self.misses = self.work_ns = self.late_ns = 0
         self.ready = self.ending = False
         self._meets_until = 0.0
 
@@ -219,26 +216,20 @@ class Loop:
         """The snapshot leaves; the server hears of it when something happened, or after a while."""
         held = self.holds.active()
         numbers = (self.cycles, self.time_ns, self.misses, self.last_word.limited, self.work_ns, self.late_ns)
-        happened = self.snapshot.publish(self.written, held, *numbers)
-        now = time.monotonic_ns()
-        if happened or now - self._rang_ns >= BELL_PERIOD_NS:
-            self._rang_ns = now
-            self.server.ring()
+        self.server.tell(self.snapshot.publish(self.written, held, *numbers))
 
     # ------------------------------------------------------------------------------------------------- from cycle to cycle
 
     def run(self) -> None:
         """Run until `end`. Raises BusLost."""
-        warnings = [] if self.lockstep else RealTime(priority=PRIORITY, cpus=CPUS).warnings
-        for warning in warnings:
-            print(f"daemon loop: {warning}", file=sys.stderr, flush=True)
-        if not self.lockstep:
-            sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._meets_until = time.monotonic() + MEETING_S
         if self.lockstep:
             self.run_lockstep()
-        else:
-            self.run_wall()
+            return
+        for warning in RealTime(priority=PRIORITY, cpus=CPUS).warnings:
+            print(f"daemon loop: {warning}", file=sys.stderr, flush=True)
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self.run_wall()
 
     def tell_ready(self) -> None:
         """Whoever hears it may enable the robot: every drive has answered, or has had long enough for it."""
@@ -314,6 +305,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--robot", required=True, help="name of a robot, or its folder")
     parser.add_argument("--clock", choices=("wall", "lockstep"), required=True)
     parser.add_argument("--runtime", help="folder in which the robot's processes meet")
+    parser.add_argument("--tape", action="store_true", help="write down all that goes in and out (daemon.recorder)")
     given = parser.parse_args(arguments)
     try:
         description, runtime = robots.load(given.robot), Runtime.at(given.runtime)
@@ -324,7 +316,12 @@ def main(arguments: list[str] | None = None) -> int:
         if lockstep and isinstance(port, HubPort):
             port.take_turns()
             core = CorePair(port.hub_process)
-        loop = Loop(Hardware(description, port, protocol), kinematics, lockstep, runtime, core)
+        make: Callable[..., Loop] = Loop
+        if given.tape:
+            from daemon.taping import tape_loop
+
+            port, make = tape_loop(description, given.clock, runtime, port)
+        loop = make(Hardware(description, port, protocol), kinematics, lockstep, runtime, core)
         signal.signal(signal.SIGTERM, loop.end)
         signal.signal(signal.SIGINT, loop.end)
         try:

@@ -14,6 +14,8 @@ from daemon.exchange import COMMAND, ControllerState
 from daemon.safety.stop_socket import StopRequest
 from daemon.tape import Entry, Kind, Words
 from hal.can.frames import RECORD
+from handrail.robot.description import RobotDescription
+from handrail.robot.keepsake import keepsake
 
 _HEADER = COMMAND.itemsize // 8
 
@@ -25,8 +27,15 @@ class LoopStart(msgspec.Struct, kw_only=True):
     """name"""
     clock: str
     """wall or lockstep"""
+    joints: list[str]
+    """the rows of everything that has one a joint"""
     files: dict[str, str]
-    """the robot's folder: robot.yaml with all that it extends laid in, and its assembled URDF (handrail.robot.keepsake)"""
+    """the robot's folder in one piece (handrail.robot.keepsake)"""
+
+    @classmethod
+    def of(cls, description: RobotDescription, clock: str) -> LoopStart:
+        """What a loop that starts now starts from."""
+        return cls(robot=description.name, clock=clock, joints=list(description.joints), files=keepsake(description))
 
 
 @dataclass

@@ -10,9 +10,11 @@ An entry is whole 64-bit words: kind | body's length << 8, cycle, robot's time a
 from __future__ import annotations
 
 import enum
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +22,11 @@ from numpy.typing import NDArray
 from daemon.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create
 
 MARK = 0x48525441504501
-SIZE = 1 << 23
-"""64-bit words of a tape, 64 MiB: 20,000 cycles of TALOS' upper body"""
+SIZE = 1 << 22
+"""64-bit words of a tape, 32 MiB: 11,000 cycles of TALOS' upper body"""
 _BROKEN = COUNTER + 1
-_HEAD = 3
+_HEAD, _FIRST = 3, WORDS * 8
+_NUMBERS = [struct.Struct(f"={_HEAD + count}q").pack_into for count in range(4)]
 
 Words = NDArray[np.uint64]
 
@@ -75,48 +78,42 @@ class TapeWriter:
         """`size`: in words."""
         self._memory = create(path, WORDS * 8 + size * 8, magic=MARK, record_size=8, count=size)
         self._words = memoryview(self._memory)[: WORDS * 8].cast("q")
-        self._heads = memoryview(self._memory)[WORDS * 8 :].cast("q")
-        self._body = np.frombuffer(self._memory, np.uint64, size, WORDS * 8)
-        self._size, self._at, self._whole = size, 0, True
+        np.frombuffer(self._memory, np.uint64, size, _FIRST).fill(0)  # no page is touched first in mid-cycle
+        self._size, self._at, self._whole = 8 * size, 0, True
         self.cycle = self.time_ns = 0
         """of the entries that follow"""
         self.in_cycle = False
         """set and asked by who writes"""
 
-    def put(self, kind: int, *parts: Words | tuple[int, ...]) -> None:
-        """Append an entry. Parts are contiguous arrays of words, and tuples of numbers."""
-        length = 0
-        for part in parts:
-            length += len(part)
-        at = self._room(_HEAD + length)
+    def put(self, kind: int, numbers: tuple[int, ...] = (), *data: NDArray[Any]) -> None:
+        """Append an entry: signed numbers, then the memory of contiguous arrays that are whole words long."""
+        size = 8 * (_HEAD + len(numbers))
+        length = size
+        for part in data:
+            length += part.nbytes
+        at = self._room(length)
         if at < 0:
             return
-        heads, body = self._heads, self._body
-        heads[at], heads[at + 1], heads[at + 2] = kind | length << 8, self.cycle, self.time_ns
-        at += _HEAD
-        for part in parts:
-            end = at + len(part)
-            if type(part) is tuple:
-                for number in part:
-                    heads[at] = number
-                    at += 1
-            else:
-                body[at:end] = part
-            at = end
+        memory = self._memory
+        _NUMBERS[len(numbers)](memory, at, kind | (length - 8 * _HEAD) << 5, self.cycle, self.time_ns, *numbers)
+        at += size
+        for part in data:  # mmap copies whatever lies in one piece: quicker than any view of it is made
+            memory[at : at + part.nbytes] = part  # type: ignore[call-overload]
+            at += part.nbytes
         self._words[COUNTER] = self._at
 
     def _room(self, length: int) -> int:
-        """Where an entry of this length goes, in one piece; −1: the tape is broken."""
+        """Where in the memory an entry of so many bytes goes, in one piece; −1: the tape is broken."""
         size, at = self._size, self._at % self._size
         rest = size - at if at + length > size else 0
         if not self._whole or self._at + rest + length - self._words[OTHER_COUNTER] > size:
             self._break()
             return -1
         if rest:
-            self._heads[at] = Kind.SKIPPED
+            self._memory[_FIRST + at : _FIRST + at + 8] = bytes(8)
             at = 0
         self._at += rest + length
-        return at
+        return _FIRST + at
 
     def _break(self) -> None:
         if self._whole:
@@ -164,7 +161,7 @@ class TapeReader:
         if not self._mapped:
             return
         size = len(self._body)
-        at, end = int(self._words[OTHER_COUNTER]), int(self._words[COUNTER])
+        at, end = int(self._words[OTHER_COUNTER]) // 8, int(self._words[COUNTER]) // 8
         while at < end:
             place = at % size
             first = int(self._body[place])
@@ -175,7 +172,7 @@ class TapeReader:
                 cycle, time_ns = self._body[place + 1 : place + _HEAD].view(np.int64).tolist()
                 yield Entry(kind, cycle, time_ns, self._body[place + _HEAD : place + _HEAD + length].copy())
                 at += _HEAD + length
-            self._words[OTHER_COUNTER] = at
+            self._words[OTHER_COUNTER] = 8 * at
 
 
 def as_words(data: bytes) -> Words:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,10 @@ from daemon.safety.stop_socket import StopRequest
 from daemon.tape import Kind, TapeWriter, as_words
 from daemon.workshop import Done, Workshop
 from hal.can.port import Port
+from hal.core_pair import CorePair
+from hal.hardware import Hardware
 from hal.joint import JointState
+from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime
 
@@ -28,21 +32,37 @@ from handrail.runtime import Runtime
 _RECEIVED, _SENT, _COMMAND, _WAIT = (int(kind) for kind in (Kind.RECEIVED, Kind.SENT, Kind.COMMAND, Kind.WAIT))
 
 
+def tape_loop(
+    description: RobotDescription, clock: str, runtime: Runtime, port: Port
+) -> tuple[Any, Callable[..., Loop]]:
+    """A port for the loop's hardware, and what makes the loop itself: from now on the runtime folder has its tape."""
+    tape = TapeWriter(runtime.tape)
+    start = LoopStart.of(description, clock)
+    return TapedPort(port, tape), partial(TapedLoop, tape, start)
+
+
 class TapedLoop(Loop):
     """Make it with hardware whose port is a `TapedPort` of the same tape."""
 
-    def __init__(self, tape: TapeWriter, start: LoopStart, runtime: Runtime, *parts: Any, **more: Any):
-        """`parts`, `more`: hardware, kinematics, ... as `Loop` has them."""
-        tape.put(Kind.START, as_words(msgspec.json.encode(start)))
-        hardware, kinematics, lockstep = parts
-        super().__init__(hardware, kinematics, lockstep, runtime, inputs=TapedInputs(runtime, tape), **more)
+    def __init__(
+        self,
+        tape: TapeWriter,
+        start: LoopStart,
+        hardware: Hardware,
+        kinematics: Kinematics,
+        lockstep: bool,
+        runtime: Runtime,
+        core: CorePair | None = None,
+    ):
+        tape.put(Kind.START, (), as_words(msgspec.json.encode(start)))
+        super().__init__(hardware, kinematics, lockstep, runtime, core, TapedInputs(runtime, tape))
         self._tape = tape
 
     def cycle(self) -> None:
         tape = self._tape
         tape.cycle, tape.time_ns, tape.in_cycle = self.cycles + 1, self.time_ns, True
         super().cycle()
-        tape.put(_COMMAND, (self.time_ns, self.late_ns), self.written.memory.view(np.uint64))
+        tape.put(_COMMAND, (self.time_ns, self.late_ns), self.written.memory)
         tape.in_cycle = False
 
     def skip(self, periods: int) -> None:
@@ -76,12 +96,12 @@ class TapedPort:
 
     def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
         records = self._port.receive(timeout_s)
-        self._tape.put(_RECEIVED, (self.ticks,), records.view(np.uint64))
+        self._tape.put(_RECEIVED, (self.ticks,), records)
         return records
 
     def send(self, records: npt.NDArray[np.void]) -> None:
         if self._tape.in_cycle:
-            self._tape.put(_SENT, records.view(np.uint64))
+            self._tape.put(_SENT, (), records)
         self._port.send(records)
 
     def fileno(self) -> int:
@@ -131,7 +151,7 @@ class _TapedMailbox:
     def take(self) -> tuple[np.ndarray, np.ndarray] | None:
         mail = self._mailbox.take()
         if mail is not None:
-            self._tape.put(Kind.ORDER, mail[0].view(np.uint64), mail[1].view(np.uint64))
+            self._tape.put(Kind.ORDER, (), *mail)
         return mail
 
 

@@ -34,6 +34,7 @@ _VERBS = {
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
     "program": "Check or run a program of the library.",
     "behaviour": "Chains of actions: check a file, run it on the robot that is up.",
+    "replay": "Drive the control loop from a recording and find the first command that is another one now.",
     "bench": "Run a benchmark against its peers.",
     "campaign": "Lay faults on a moving robot, hundreds of times, and judge what the plant did.",
 }

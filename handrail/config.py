@@ -69,7 +69,7 @@ class Document:
         for part in re.findall(r"[^.\[\]]+", path):
             node = node[int(part) if isinstance(node, list) else part]
         try:
-            return msgspec.convert(_plain(node), kind)
+            return msgspec.convert(plain(node), kind)
         except msgspec.ValidationError as error:
             text, _, where = str(error).partition(" - at `$")
             field = where.rstrip("`").lstrip(".")
@@ -123,11 +123,11 @@ def _laid_over(base: CommentedMap, top: CommentedMap) -> CommentedMap:
     return merged
 
 
-def _plain(node: Any) -> Any:
+def plain(node: Any) -> Any:
     if isinstance(node, dict):
-        return {str(key) if not isinstance(key, str) else key: _plain(value) for key, value in node.items()}
+        return {str(key) if not isinstance(key, str) else key: plain(value) for key, value in node.items()}
     if isinstance(node, list):
-        return [_plain(value) for value in node]
+        return [plain(value) for value in node]
     if isinstance(node, bool | type(None)):
         return node
     for kind in (int, float, str):  # ruamel's scalar types remember their spelling; msgspec wants the plain ones

@@ -16,6 +16,8 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 | /can/CHANNEL | handrail.BusStatistics | with each DaemonStatus |
 | /device/NAME | handrail.ImuState, ForceTorqueState, GripperState, PowerState | each DeviceStates (25 Hz) |
 | /log | foxglove.Log | as they come |
+
+`handrail up --record` starts this with the control loop's tape in the same file, which `handrail replay` runs (daemon.recorder).
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import select
 import signal
 import socket
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Annotated, Any
 
@@ -59,6 +62,8 @@ from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 
 TRANSFORM_PERIOD_NS = 40_000_000
 WORLD = "base_link"
+_LOOK_MS = 100
+"""wall time after which other ways than messages are looked at though nobody says anything"""
 BATCH_S = 0.05
 """wall time in which messages gather: nobody waits for a recording, and being woken for each costs more than writing it"""
 
@@ -78,7 +83,7 @@ class FileClock:
     """The robot's clock, set off so that the recording begins at `start_ns` (ns since 1970)."""
 
     def __init__(self, start_ns: int):
-        self._now = start_ns
+        self._now = self._start = start_ns
         self._offset: int | None = None
 
     def stamp(self, time_ns: int) -> int:
@@ -96,6 +101,10 @@ class FileClock:
         if self._offset is None:
             return self._now
         return min(time_ns + self._offset, self._now)
+
+    def stamp_apart(self, time_ns: int) -> int:
+        """The same for what comes by a way of its own, before or after what was said at that time."""
+        return self.stamp(time_ns) if self._offset is None else max(time_ns + self._offset, self._start)
 
 
 class Recording:
@@ -155,6 +164,18 @@ class Recording:
                     if message.removed:
                         del self._instances[message.name]
 
+    def write_packed(self, topic: str, kind: str, definition: str, data: bytes, time_ns: int) -> None:
+        """Write a ROS 1 message (handrail.ros1_schema) of the schema `kind`, which is always `definition`, as it is in memory."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            schema = self._writer.register_schema(kind, "ros1msg", definition.encode())
+            channel = self._channels[topic] = self._writer.register_channel(topic, "ros1", schema)
+        self._add(topic, channel, data, self._clock.stamp_apart(time_ns))
+
+    def write_plain(self, topic: str, message: Any, time_ns: int) -> None:
+        """Write a struct that is none of our messages."""
+        self._write(topic, message, self._clock.stamp_apart(time_ns))
+
     def finish(self) -> None:
         """Write what is buffered and the index."""
         self._writer.finish()
@@ -200,8 +221,11 @@ class Recording:
         if channel is None:
             channel = self._writer.register_channel(topic, "json", self._schema(type(message)))
             self._channels[topic] = channel
+        self._add(topic, channel, self._encoder.encode(message), stamp)
+
+    def _add(self, topic: str, channel: int, data: bytes, stamp: int) -> None:
         self.counts[topic] = self.counts.get(topic, 0) + 1
-        self._writer.add_message(channel, stamp, self._encoder.encode(message), stamp, self.counts[topic])
+        self._writer.add_message(channel, stamp, data, stamp, self.counts[topic])
 
     def _schema(self, kind: type) -> int:
         if kind not in self._schemas:
@@ -269,7 +293,11 @@ def record(
     runtime: Annotated[Path | None, typer.Option(help="Folder where the robot's processes meet.")] = None,
 ) -> None:
     """Record everything that the robot says, until SIGTERM or Ctrl-C."""
-    place = Runtime.at(runtime)
+    listen(Runtime.at(runtime), out)
+
+
+def listen(place: Runtime, out: Path, more: Callable[[Recording], None] | None = None) -> None:
+    """Record until SIGTERM or SIGINT. `more`: called now and then, and at the end, to write what comes by other ways."""
     # A signal wakes the poll below through this pair; nothing else happens inside a signal's handler.
     ended, wake = socket.socketpair()
     wake.setblocking(False)
@@ -289,12 +317,14 @@ def record(
             print("recorder ready", flush=True)
             known = False
             while True:
-                ready = dict(poller.poll())
+                ready = dict(poller.poll(None if more is None else _LOOK_MS))
                 for message in subscriber.drain():
                     if not known and isinstance(message, RobotState) and (robot := _meet(place)):
                         recording.describe(robot, _links(robot))
                         known = True
                     recording.take(message)
+                if more is not None:
+                    more(recording)
                 if ended.fileno() in ready:
                     break
                 select.select([ended], [], [], BATCH_S)

@@ -90,6 +90,11 @@ class Runtime:
         return self.folder / "mailbox.ring"
 
     @property
+    def tape(self) -> Path:
+        """Shared memory: what goes into the loop and out of it, while that is recorded."""
+        return self.folder / "loop.tape"
+
+    @property
     def timing(self) -> Path:
         """Shared memory: how long the loop's cycles worked and how late they were."""
         return self.folder / "loop.timing"

@@ -28,6 +28,7 @@ from handrail.messages import DaemonStatus, GroundTruth, LogLine, RunState
 from handrail.runtime import Runtime, memory_folder
 
 ROBOT = "talos_upper"
+RECORDING = "recording.mcap"
 PROGRAM = "turn_valve"
 INSTANCE, TEMPLATE, ARM = "wheel_1", "wheel", "right"
 BINDINGS = {"arm": ARM, "valve": INSTANCE}
@@ -104,7 +105,6 @@ class _Attempt:
         self._seen = _Seen()
         self._judge: Judge | None = None
         self._operator: ScriptedOperator | None = None
-        self._recorder: Child | None = None
         self._before: GroundTruth | None = None
         self._after: GroundTruth | None = None
         self._start_up_s = 0.0
@@ -118,7 +118,6 @@ class _Attempt:
         began = time.monotonic()
         robot, client = self._start()
         self._judge = self._keep(Judge(self._runtime, OBJECT))
-        self._start_recorder()
         self._enable(client)
         self._start_up_s = time.monotonic() - began
         self._before = self._judge.snapshot(5.0)
@@ -136,6 +135,7 @@ class _Attempt:
         scene.write_text(self._scenario.scene(), encoding="utf-8")
         port = free_ports()
         where = ["--runtime", str(self._runtime.folder), "--port", str(port)]
+        where += ["--record", str((self._out / RECORDING).absolute())]
         if not self._options.view:
             where.append("--no-camera")  # nobody looks
         command = _handrail("up", ROBOT, "--scene", str(scene.absolute()), "--clock", self._options.clock, *where)
@@ -146,12 +146,6 @@ class _Attempt:
     def _show_start(self, line: str) -> None:
         if line and self._times is None:
             self._show.scene.phase = line
-
-    def _start_recorder(self) -> None:
-        file = str((self._out / "recording.mcap").absolute())
-        command = [sys.executable, "-m", "handrail.recorder", "--runtime", str(self._runtime.folder), "--out", file]
-        self._recorder = self._children.start("recorder", command)
-        self._recorder.wait_for("recorder ready", 30.0)
 
     def _enable(self, client: Client) -> None:
         self._show.phase("enabling the robot")
@@ -204,10 +198,9 @@ class _Attempt:
         return what
 
     def close(self) -> None:
-        """End what this attempt opened, the recording first, so that its file is whole."""
-        if self._recorder is not None:
-            self._recorder.end()
+        """End what this attempt opened, and the robot, so that its recording is whole."""
         self._open.close()
+        self._children.end()
 
     def outcome(self) -> Outcome:
         """What it has come to, judged by the ground truth alone."""
@@ -222,7 +215,7 @@ class _Attempt:
         if self._operator:
             problems += [f"operator: {problem}" for problem in self._operator.problems]
         believed = seen.run.data.get("turned_deg") if seen.run else None
-        recording = self._out / "recording.mcap"
+        recording = self._out / RECORDING
         row = Row(
             seed=scenario.seed,
             turned_deg=round(verdict.turned_deg, 2),

@@ -374,7 +374,7 @@ def find(name_or_folder: str | os.PathLike[str]) -> Path:
     )
 
 
-def _read(file: Path, extending: tuple[Path, ...] = ()) -> config.Document:
+def read(file: Path, extending: tuple[Path, ...] = ()) -> config.Document:
     """A robot's file, laid over the one that it `extends`, if it does."""
     document = config.read(file)
     if "extends" not in document.data:
@@ -388,14 +388,14 @@ def _read(file: Path, extending: tuple[Path, ...] = ()) -> config.Document:
         raise document.error("extends", unknown.problem) from unknown
     if base in (*extending, file):
         raise document.error("extends", f"{name} extends this robot; expected no circle")
-    merged = document.over(_read(base, (*extending, file)))
+    merged = document.over(read(base, (*extending, file)))
     del merged.data["extends"]
     return merged
 
 
 def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
     """Read a robot by name or folder. Raises config.ConfigError with file, line, field and expectation."""
-    document = _read(find(name_or_folder))
+    document = read(find(name_or_folder))
     file = document.convert(_RobotFile)
     try:
         assembled = urdf.assemble(file.model, document.file.parent)

@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 from daemon import exchange
 from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, sole_service, up
 from daemon.mailbox import MailboxReader
+from daemon.recorder import free_name
 from daemon.ring import StateRingWriter
 from daemon.timing import TimingWriter
 from handrail.config import ConfigError
@@ -94,6 +95,26 @@ def test_a_robot_without_cameras_gets_no_process_for_them(talos: RobotDescriptio
 def test_a_robot_on_real_buses_gets_no_plant(talos: RobotDescription, runtime: Runtime) -> None:
     made = children(on_real_buses(talos), robot="r", scene=None, clock=Clock.WALL, runtime=runtime, port=1)
     assert [child.name for child in made] == ["loop", "server", "engine", "link"]
+
+
+def test_a_recorder_starts_first_so_that_it_ends_last_and_the_loop_writes_its_tape(
+    talos: RobotDescription, runtime: Runtime, tmp_path: Path
+) -> None:
+    file = tmp_path / "run.mcap"
+    recorder, _, loop, *others = children(
+        talos, robot="talos_upper", scene="valve", clock=Clock.WALL, runtime=runtime, port=1, record=file
+    )
+    assert recorder.command[1:] == ("-m", "daemon.recorder", "--out", str(file), "--runtime", str(runtime.folder))
+    assert recorder.name == "recorder" and loop.command[-1] == "--tape"
+    assert not any("--tape" in child.command for child in others)
+
+
+def test_what_was_recorded_is_never_written_over(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        names.append(free_name(tmp_path / "run.mcap").name)
+        (tmp_path / names[-1]).touch()
+    assert names == ["run.mcap", "run-2.mcap", "run-3.mcap"]
 
 
 def test_lockstep_on_real_buses_is_refused(talos: RobotDescription, runtime: Runtime) -> None:

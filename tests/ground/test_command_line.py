@@ -20,6 +20,7 @@ VERBS = [
     "program",
     "robot",
     "behaviour",
+    "replay",
     "bench",
     "campaign",
 ]

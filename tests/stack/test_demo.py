@@ -40,6 +40,15 @@ def test_the_valve_turns_in_lock_step_and_leaves_a_recording_pictures_and_a_plot
     assert row["misses"] == 0
     assert row["real_time_factor"] > 0
     left_behind(tmp_path / "out")
+    replayed = subprocess.run(
+        [sys.executable, "-m", "handrail.cli", "replay", str(tmp_path / "out" / "recording.mcap"), "--cycles", "4000"],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+    assert "4000 cycles (8.0 s) compared: every command is the same" in replayed.stdout
 
 
 @pytest.mark.soak

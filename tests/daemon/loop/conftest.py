@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -167,12 +168,8 @@ class Bench:
         self.drives = drives or JointDrives(description, kinematics, protocol)
         port = self.drives if tape is None else TapedPort(self.drives, tape)
         self.hardware = Hardware(description, port, protocol)
-        parts = (self.hardware, kinematics, True)
-        if tape is None:
-            self.loop = Loop(*parts, self.runtime)
-        else:
-            start = LoopStart(robot=description.name, clock="lockstep", files={})
-            self.loop = TapedLoop(tape, start, self.runtime, *parts)
+        make = Loop if tape is None else partial(TapedLoop, tape, LoopStart.of(description, "lockstep"))
+        self.loop = make(self.hardware, kinematics, True, self.runtime)
         dtype = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(self.runtime.state_ring, dtype)
         self._mailbox = MailboxWriter(self.runtime.mailbox, exchange.COMMAND)

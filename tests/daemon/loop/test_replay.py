@@ -197,7 +197,7 @@ def test_a_tape_goes_round_as_long_as_it_is_read(tmp_path: Path) -> None:
     lengths = [(7 * number) % 30 for number in range(200)]
     for number, length in enumerate(lengths):
         tape.cycle = number
-        tape.put(Taped.SENT, np.full(length, number, np.uint64))
+        tape.put(Taped.SENT, (), np.full(length, number, np.uint64))
         if number % 3 == 2:
             told += reader.read()
     told += reader.read()

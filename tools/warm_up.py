@@ -17,7 +17,7 @@ ROOT, ROBOT = Path(__file__).resolve().parent.parent, "talos_upper"
 
 def main() -> None:
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
-        for part in [processes.submit(compile_part) for compile_part in (_robot, _whole_body, _planner)]:
+        for part in [processes.submit(compile_part) for compile_part in (_robot, _arms)]:
             part.result()
     for package in ("hal", "daemon", "engines"):
         delete_leftovers(ROOT / package)
@@ -76,6 +76,12 @@ def _robot() -> None:
     codec, crc = Codec.from_file(DBC_FILES["limb_fd"]), np.zeros(8, np.uint64)
     codec.decode("Sync", codec.encode("Sync", np.zeros((1, 1)), records))
     crc_of(crc, 0, 0, 8, 0)
+
+
+def _arms() -> None:
+    """What whole-body control and the planner are made of: in one process, since both need much of numba's own library compiled."""
+    _whole_body()
+    _planner()
 
 
 def _whole_body() -> None:

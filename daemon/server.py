@@ -116,7 +116,7 @@ class Server:
             m.Disable: lambda _: self._ask(Kind.DISABLE),
             m.Stop: self._stop,
             m.ClearStop: lambda _: self._tell_stop_socket(lambda: clear_stop(runtime, _STOP_TIMEOUT_S)),
-            m.CheckIn: lambda call: self._owners.check_in(call.owner, time.monotonic()),
+            m.CheckIn: lambda call: self._owners.check_in(call.owner),
             m.TakeLease: self._take_lease,
             m.ReturnLease: lambda call: self._leases.give_back(call.owner, call.part, call.epoch),
             m.BindKeepalive: self._bind_keepalive,
@@ -198,8 +198,12 @@ class Server:
     def _watch(self, now: float) -> None:
         if not self._loop_bell.ring() and self._reporter.alive:
             self._lose_loop("the daemon's loop died; its drives quick-stop by their own watchdog")
+        snapshot = self._reporter.snapshot
+        self._owners.tick(
+            now, int(snapshot["time_ns"]) * 1e-9 if snapshot is not None and self._reporter.alive else None
+        )
         holders = {self._owners.number(lease.owner) for lease in self._leases.held()}
-        for owner in self._owners.lost(self._reporter.running_owners() | holders, now):
+        for owner in self._owners.lost(self._reporter.running_owners() | holders):
             name = self._owners.name(owner)
             lost = self._leases.lose(name)
             what = ", ".join(["its action is ended", *(f"its lease on {lease.part} is lost" for lease in lost)])
@@ -320,7 +324,7 @@ class Server:
             steps = [(step.name, step.ends) for step in call.steps]
             started = Started(serial, call.id, call.owner, [], joints, steps)
             header, payload = exchange.encode_behaviour(call, serial, owner(call.owner), self._joints, self._frames)
-        self._owners.check_in(call.owner, time.monotonic())
+        self._owners.check_in(call.owner)
         self._journal.begin(started)
         answer = None
         try:
@@ -356,7 +360,7 @@ class Server:
 
     def _take_lease(self, call: m.TakeLease) -> m.Lease:
         lease, ended = self._leases.take(call.owner, call.part, call.take_over)
-        self._owners.check_in(call.owner, time.monotonic())
+        self._owners.check_in(call.owner)
         theirs = {one.owner for one in ended}
         for started in self._journal.running():
             if started.owner in theirs and self._leases.parts[call.part] & set(started.joints):

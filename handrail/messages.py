@@ -624,7 +624,7 @@ class SwitchRelay(Message):
 
 @_travels(priority=1)
 class CheckIn(Message):
-    """I am alive. Actions whose owner does not check in for 1 s of wall time are ended safely."""
+    """I am alive. Actions whose owner does not check in for 1 s, of the wall's time and of the robot's, are ended safely."""
 
     owner: Name
 

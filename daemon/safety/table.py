@@ -81,7 +81,7 @@ TABLE: dict[Rule, Words] = {
         "{joint} was {value:.3f} rad from its command; allowed {limit:g}",
     ),
     Rule.OWNER_LOST: Words(
-        "whoever started an action has not checked in for 1 s",
+        "whoever started an action has not checked in for 1 s, of the wall's time and of the robot's",
         "the action slows down to a stand on its path, then ends; its joints are held",
         "start another action",
         "",

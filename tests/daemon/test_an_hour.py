@@ -29,15 +29,15 @@ def resident_mb(process: Process) -> float:
 
 
 def moved(robot: Robot, joint: str, by: float) -> bool:
-    """Move a joint and wait for its end; False where a busy machine kept server and test from hearing each other in wall time."""
+    """Move a joint to its end; False where a busy machine kept the server from answering in wall time."""
     try:
         outcome = robot.move(joint, by, MOVE_S)
     except RefusedError as error:
         assert "gave no answer" in str(error), str(error)
         robot.daemon.wait_status(lambda status: not status.action, "what was asked for has ended", 600.0)
         return False
-    assert outcome in ("done", "owner_lost")
-    return outcome == "done"
+    assert outcome == "done"
+    return True
 
 
 @pytest.mark.soak

@@ -112,6 +112,18 @@ class FakeLoop:
             time.sleep(0.005)
         raise AssertionError(f"no {kind.name} came; got {self.commands}")
 
+    def live(self, seconds: float) -> None:
+        """Its time goes on with the wall's."""
+        for _ in range(round(seconds / 0.05)):
+            time.sleep(0.05)
+            self.cycle(25)
+
+    def live_until(self, kind: Kind) -> Command:
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(command.kind is kind for command in self.commands) and time.monotonic() < deadline:
+            self.live(0.05)
+        return self.wait_for(kind)
+
     def die(self) -> None:
         self._ending = True
         self.ring_own_bell()
@@ -522,10 +534,10 @@ def test_an_owner_that_falls_silent_loses_its_action_and_one_that_checks_in_does
     loop = rig.start_loop()
     rig.call(rig.action())
     for _ in range(8):  # 1.6 s, more than the timeout
-        time.sleep(0.2)
+        loop.live(0.2)
         rig.call(m.CheckIn(owner="test"))
     assert not [command for command in loop.commands if command.kind is Kind.LOSE_OWNER]
-    assert loop.wait_for(Kind.LOSE_OWNER).owner == loop.wait_for(Kind.START).owner
+    assert loop.live_until(Kind.LOSE_OWNER).owner == loop.wait_for(Kind.START).owner
 
 
 def test_a_part_that_somebody_has_taken_is_commanded_by_him_alone_until_another_takes_it_over(rig: Rig) -> None:
@@ -565,7 +577,7 @@ def test_a_keepalive_reaches_the_loop_only_by_the_right_answers(rig: Rig) -> Non
 def test_whoever_holds_a_part_and_falls_silent_loses_it(rig: Rig) -> None:
     loop = rig.start_loop()
     rig.call(m.TakeLease(owner="test", part="head"))
-    assert loop.wait_for(Kind.LOSE_OWNER).owner != 0
+    assert loop.live_until(Kind.LOSE_OWNER).owner != 0
     rig.until(m.DaemonStatus, lambda status: not status.leases)
 
 

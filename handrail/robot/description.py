@@ -164,6 +164,8 @@ class _Integral(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limit: dict[str, Positive]
     push: dict[str, Positive]
     band: dict[str, Positive]
+    friction: dict[str, Positive] | None = None
+    backlash: dict[str, Positive] | None = None
 
 
 class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -273,6 +275,10 @@ class IntegralGains:
     """N·m, spring torque beyond gravity above which it takes a joint to lean on something, and pushes no harder"""
     band: np.ndarray
     """rad, error that it leaves alone"""
+    friction: np.ndarray | float = 0.0
+    """N·m, Coulomb friction as far as it is known, which is fed forward; 0: it is not"""
+    backlash: np.ndarray | float = 0.0
+    """rad, of the gear, as far as it is known, which is fed forward; 0: it is not"""
 
 
 @dataclass(frozen=True)
@@ -591,7 +597,11 @@ def _per_joint(document: config.Document, field: str, given: dict[str, float], j
 def _integral(document: config.Document, given: _Integral | None, joints: Sequence[str]) -> IntegralGains | None:
     if given is None:
         return None
-    fields = msgspec.structs.asdict(given)
+    if given.backlash is not None and given.friction is None:
+        raise document.error(
+            "control.integral.backlash", "is given without friction; expected both: one is judged by the other"
+        )
+    fields = {name: values for name, values in msgspec.structs.asdict(given).items() if values is not None}
     return IntegralGains(
         **{name: _per_joint(document, f"control.integral.{name}", values, joints) for name, values in fields.items()}
     )

@@ -98,6 +98,13 @@ def test_the_mass_matrix_is_symmetric_positive_definite(talos):
             "control.integral.rate",
             "torso_1_joint is given 0 times",
         ),
+        (
+            "  stiffness:\n",
+            '  integral: {rate: {"*": 8}, limit: {"*": 0.06}, push: {"*": 9}, band: {"*": 0.001}, backlash: {"*": 0.03}}\n'
+            "  stiffness:\n",
+            "control.integral.backlash",
+            "given without friction",
+        ),
     ],
 )
 def test_a_wrong_robot_file_is_refused_with_line_and_field(tmp_path, old, new, field, says):

@@ -10,7 +10,7 @@ import pytest
 
 from daemon.controllers.base import Ended
 from daemon.exchange import Answer, Outcome
-from daemon.outer_integral import OuterIntegral
+from daemon.outer_integral import CROSSING, PRESLIDING, SEARCHING, OuterIntegral
 from handrail.messages import CartesianImpedance, Pose
 from handrail.robot.description import IntegralGains
 from tests.daemon.loop.test_manager import rated_jump
@@ -169,3 +169,92 @@ def test_what_is_not_a_number_is_not_learned() -> None:
     for position in (np.array([0.2, 0.2]), np.array([np.nan, np.nan])):
         integral.write(rows, position, np.zeros(2), np.zeros(2), np.ones((2, 2)), measured, out, mode)
         assert (integral.offset == 0.0).all()
+
+
+FRICTION, SLACK, STIFFNESS, PERIOD = 2.0, 0.0175, 500.0, 0.002
+
+
+class Joint:
+    """One joint whose friction and backlash are known about; the test says what is measured of it."""
+
+    def __init__(self, backlash: float = 2 * SLACK):
+        each = np.ones(1)
+        gains = IntegralGains(
+            rate=8 * each, limit=0.06 * each, push=6 * each, band=0.001 * each, friction=FRICTION, backlash=backlash
+        )
+        self.integral = OuterIntegral(gains, PERIOD)
+
+    def write(self, velocity: float = 0.0, carried: float = 0.0, error: float = 0.0, gravity: float = 0.0) -> float:
+        """A cycle; N·m that are fed forward."""
+        measured, out = np.array([[-error], [0.0], [carried]]), np.zeros((5, 1))
+        gains, mode = np.array([[STIFFNESS], [10.0]]), np.zeros(1, np.uint8)
+        given = np.zeros(1, np.int64), np.zeros(1), np.array([velocity]), np.array([gravity])
+        self.integral.write(*given, gains, measured, out, mode)
+        return float(out[2, 0])
+
+    @property
+    def offset(self) -> float:
+        return float(self.integral.offset[0])
+
+
+def test_friction_acts_in_the_references_direction_and_stays_when_it_stands() -> None:
+    joint = Joint(backlash=0.0)
+    cycles = round(PRESLIDING / (0.1 * PERIOD))
+    torques = [joint.write(velocity=0.1) for _ in range(cycles)]
+    assert np.diff(torques) == pytest.approx(FRICTION / cycles)
+    assert torques[-1] == pytest.approx(FRICTION)
+    assert joint.write(velocity=0.1) == pytest.approx(FRICTION), "not more than there is"
+    for carried in (FRICTION, 0.0, -FRICTION):
+        assert joint.write(carried=carried) == pytest.approx(FRICTION), "what is measured moves nothing"
+    assert joint.write(velocity=-0.1) == pytest.approx(FRICTION - FRICTION / cycles)
+    joint.write(velocity=np.nan)
+    assert joint.write() == pytest.approx(FRICTION - FRICTION / cycles), "nor does what is no number"
+    joint.integral.forget(np.ones(1, bool))
+    assert joint.write() == 0.0
+
+
+def touched(side: float = 1.0) -> Joint:
+    """One whose motor has been found at a side of the gap."""
+    joint = Joint()
+    joint.write(carried=side * FRICTION)
+    return joint
+
+
+def test_a_joint_whose_load_turns_has_its_motor_led_across_the_gap_in_bounded_steps() -> None:
+    joint = touched()
+    before = joint.write(carried=1.0, gravity=1.0)
+    torques = np.array([joint.write(gravity=-3.0) for _ in range(30)])
+    assert before - torques[-1] == pytest.approx(2 * STIFFNESS * SLACK + 4.0)
+    steps, cycles = -np.diff(torques), round(CROSSING / PERIOD)
+    assert steps[: cycles - 1] == pytest.approx(2 * STIFFNESS * SLACK / cycles)
+    assert steps[cycles - 1 :] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_motor_stays_at_its_side_while_the_spring_carries_something_whatever_the_joint_needs() -> None:
+    joint = touched()
+    before = joint.write(carried=1.0)
+    assert joint.write(carried=1.0, error=-0.0009) == before
+    assert joint.write(carried=0.0, error=-0.0009) == before, "it stands: less than its friction turns no joint round"
+    assert joint.write(carried=-1.0) < before, "it is at the other side already"
+
+
+def test_the_integral_waits_while_the_motor_crosses() -> None:
+    joint = touched()
+    joint.write(carried=1.0, error=0.003)
+    before = joint.offset
+    for _ in range(round(CROSSING / PERIOD)):
+        joint.write(velocity=-0.01, error=-0.003)
+        assert joint.offset == before
+    for _ in range(2):
+        joint.write(velocity=-0.01, error=-0.003)
+    assert joint.offset < before
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_that_was_never_in_touch_is_searched_for_slowly_and_the_touch_leaves_no_bump(side: float) -> None:
+    joint = Joint()
+    torques = [joint.write(gravity=side * 2.5) for _ in range(20)]
+    assert np.diff(torques) == pytest.approx(side * 2 * STIFFNESS * SLACK * PERIOD / SEARCHING)
+    found = joint.write(carried=side * 0.5, gravity=side * 2.5)
+    assert found == pytest.approx(torques[-1]), "what the search was ahead or behind is the calibration's"
+    assert joint.offset == pytest.approx((torques[-1] - side * 2.5) / STIFFNESS - side * SLACK)

@@ -204,10 +204,10 @@ class ActionTable:
         return ended
 
     def lose(self, controller: Controller) -> list[Action]:
-        """End the action whose controller failed and has been replaced. Returns what ended."""
+        """End the action whose controller failed, or was ended, and has been replaced. Returns what ended."""
         ended = [action for action in self.running() if action.controller is controller]
         for action in ended:
-            action.outcome = Outcome.CONTROLLER_ERROR
+            action.outcome, action.detail = controller.ended.outcome, controller.ended.detail
             self._note_end(action)
         return ended
 

@@ -10,7 +10,7 @@ from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome, Rule
 from daemon.manager import ControllerManager
 from daemon.safety.keepalive import Keepalives, Stage
-from daemon.safety.ledger import Ledger
+from daemon.safety.ledger import GUARDS, Ledger
 from daemon.safety.rules import isolated_with
 from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand
@@ -62,6 +62,11 @@ class Life:
         return self._enabling_for >= 0
 
     @property
+    def guarded(self) -> bool:
+        """The guard has stopped something, and nobody has acknowledged it."""
+        return any(self.ledger.holds(rule) for rule in GUARDS)
+
+    @property
     def flags(self) -> int:
         """The bits of the snapshot (exchange.Flag) that are about this."""
         # Plain numbers: this runs in every cycle, and flags of an enum cost microseconds.
@@ -77,7 +82,8 @@ class Life:
     def enable(self) -> Refusal | None:
         """Take every drive to operation enabled; in the cycle in which the last one is there, hold where the robot is.
 
-        On an enabled robot this takes isolated limbs back in, faults reset on the way; what is not isolated notices nothing.
+        On an enabled robot this takes isolated limbs back in, faults reset on the way; what is not isolated notices nothing. It
+        acknowledges what the guard has stopped: then motions may start again.
         """
         if self.stopped:
             return Refusal(Answer.STOP_LATCHED)
@@ -93,6 +99,8 @@ class Life:
             return Refusal(Answer.PROTOCOL_UNKNOWN, unknown)
         if not self._manager.enabled or (self._isolated and self._enabling_for < 0):
             self._enabling_for = 0
+        if self._manager.enabled:
+            self.ledger.release(*GUARDS)
         return None
 
     def disable(self) -> None:
@@ -143,7 +151,7 @@ class Life:
                     hardware.goal = Goal.OPERATIONAL
             elif hardware.operational:
                 self._manager.enable()
-                self.ledger.release(Rule.NO_COMMAND, Rule.PROTOCOL, Rule.DRIVE_FAULT)
+                self.ledger.release(Rule.NO_COMMAND, Rule.PROTOCOL, Rule.DRIVE_FAULT, *GUARDS)
                 self._release_keepalive()
                 self._devices.enable()
                 self._enabling_for = -1

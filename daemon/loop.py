@@ -35,7 +35,6 @@ from daemon.ring import StateRingWriter
 from daemon.robot_state import RobotState
 from daemon.roster import roster_file
 from daemon.safety.last_word import LastWord
-from daemon.safety.limits import Limits
 from daemon.snapshot import SnapshotWriter
 from daemon.time_holds import TimeHolds
 from daemon.timing import TimingWriter
@@ -91,7 +90,7 @@ class Loop:
         self.devices = Devices(description, hardware.devices, hardware.device_command)
         self.life = Life(hardware, self.manager, self.actions, self.devices, description)
         self.holds = TimeHolds(lockstep)
-        self.last_word = LastWord(Limits.of(description, hardware.largest_command()), self.life.ledger)
+        self.last_word = LastWord(self.manager, self.robot, self.life.ledger, hardware.largest_command())
         self.written, self._next = JointCommand(n), JointCommand(n)
 
         self.stop_socket, hardware.waits_on = inputs.stops, inputs.waits_on
@@ -182,6 +181,7 @@ class Loop:
         command, previous = self._next, self.written
         if (fresh := self.manager.fresh) is not None:  # no command before: the brakes carried these joints
             previous.table[:, fresh], self.manager.fresh = wanted.table[:, fresh], None
+            self.last_word.guard.begin()
         changed, _, joint = self.last_word.say(command, wanted, previous, self.hardware.state)
         if changed < 0:
             return joint
@@ -198,11 +198,11 @@ class Loop:
     def after_failures(self) -> None:
         """Controllers have failed, or a rule ended them, and were replaced: their actions end, and people hear of it."""
         for controller in self.manager.failures:
+            self.after_end(self.actions.lose(controller))
             if controller.error is None:
                 self.life.ledger.note_end(controller.ended)
-                continue
-            self.after_end(self.actions.lose(controller))
-            self.controllers.fail(controller)
+            else:
+                self.controllers.fail(controller)
         self.manager.failures.clear()
 
     def after_end(self, ended: Iterable[Action]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.controllers.base import Array, Controller, Ended, Gains, rows_of
+from daemon.controllers.brake import Brake
 from daemon.controllers.hold import Hold
 from daemon.exchange import CONTROLLERS, Outcome, Rule
 from daemon.references import fade
@@ -204,6 +205,37 @@ class ControllerManager:
             self._take_bumps(last)
             self._add_offsets(np.flatnonzero(anew & (self._since_switch < FADE)))
         return bool(guilty)
+
+    def brake(
+        self,
+        joints: NDArray[np.int64],
+        position: Array,
+        velocity: Array,
+        duration: float,
+        last: JointCommand,
+        why: Ended,
+    ) -> Brake | None:
+        """Have whoever moves one of `joints` (rows) replaced by a brake from `position`, `velocity` (n,), run into `command`.
+
+        None where they are all held, or brake already.
+        """
+        moving = [
+            c
+            for c in self.active
+            if c.onto is None and not isinstance(c, Hold | Brake) and np.isin(c.joints, joints).any()
+        ]
+        if not moving:
+            return None
+        go = [*moving, *(c for c in self.active if _rests_on(c, moving))]
+        rows = np.unique(np.concatenate([c.joints for c in moving]))
+        brake = Brake(rows, self.gains, position, velocity, duration)
+        self._note(go, why)
+        self.switch(go, [brake], last)
+        self.failures += go
+        self._run([(brake, self.command)])
+        self._take_bumps(last)
+        self._add_offsets(rows[self._since_switch[rows] < FADE])
+        return brake
 
     def _isolate(self, joints: NDArray[np.bool_]) -> None:
         self.isolated[:], self._some_isolated = joints, bool(joints.any())

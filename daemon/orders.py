@@ -70,6 +70,8 @@ class Orders:
                     return Refusal(Answer.NOT_ENABLED)
                 if life.keepalives.silent(command.owner):
                     return Refusal(Answer.KEEPALIVE_LOST)
+                if life.guarded:
+                    return Refusal(Answer.TOO_CLOSE)
                 if isinstance(command.motion, PreparedMotion):
                     controller = self._maker.take(command.motion.prepared)
                     if controller is None:
@@ -126,5 +128,7 @@ class Orders:
                     return Refusal(Answer.STOP_LATCHED)
                 if not life.enabled:
                     return Refusal(Answer.NOT_ENABLED)
+                if life.guarded:
+                    return Refusal(Answer.TOO_CLOSE)
                 return self._controllers.switch(command.come, command.go, command.action, last)
         return None

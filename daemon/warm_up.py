@@ -10,8 +10,10 @@ from daemon.exchange import TrajectoryMotion
 from daemon.observer import SENSOR_AGE
 from daemon.outer_integral import OuterIntegral
 from daemon.robot_state import RobotState
+from daemon.safety.bodies import Bodies
 from daemon.safety.limits import Limits, enforce
 from daemon.safety.rules import followed
+from daemon.safety.separation import MAX_TRIPS, judge
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
 from handrail.robot.description import IntegralGains
@@ -33,5 +35,9 @@ def warm_up(kinematics: Kinematics) -> None:
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)
         motion.activate(robot, command)
         motion.update(robot, command)
+    bodies = Bodies.of(kinematics)
+    pairs, moving, trips = np.zeros((len(bodies.pairs), 2)), np.zeros((2, n)), np.zeros((MAX_TRIPS, 3))
+    told = (command.table, command.table, state.table)
+    judge(*told, *bodies.tables, pairs, moving, trips, limits.period, True)
     followed(path.joints, command.position, state)
     enforce(JointCommand(n), command, JointCommand(n), state, limits)

@@ -73,6 +73,8 @@ class Ended(NamedTuple):
     """row of the joint that it was about; −1: none"""
     value: float = 0.0
     """rad off, or cycles old"""
+    detail: str = ""
+    """what else there is to say of it"""
 
 
 class Controller(ABC):

@@ -70,6 +70,8 @@ class Outcome(enum.IntEnum):
     """`value` steps of the behaviour have been taken"""
     INFEASIBLE = 13
     """constraints exclude each other; `detail` names the one that blocks"""
+    TOO_CLOSE = 14
+    """bodies came so near to each other, or to a region, that there was just room to brake; `detail` names them"""
 
 
 class ControllerState(enum.IntEnum):
@@ -168,6 +170,8 @@ class Answer(enum.IntEnum):
     NOT_READY = 20
     """the controller is still being made"""
     NO_SUCH_REFERENCE = 21
+    TOO_CLOSE = 23
+    """the guard has stopped the robot, and nobody has acknowledged it"""
 
 
 @enum.unique
@@ -183,26 +187,30 @@ class Rule(enum.IntEnum):
     """the drive of `joint` speaks another version of its protocol"""
     DRIVE_FAULT = 4
     """the drive of `joint` left operation enabled, or is silent"""
-    NOT_FINITE = 5
+    SELF_COLLISION = 5
+    """the link of row `joint` in `frame_names` was `value` m from that of row `other`"""
+    WORKSPACE = 6
+    """the link of row `joint` in `frame_names` was `value` m from region `other` of the robot's file"""
+    NOT_FINITE = 7
     """a controller's set-point of `joint` was no finite number"""
-    HELD_BACK = 6
+    HELD_BACK = 8
     """the limits held `joint` back by `value` rad"""
-    STALE = 7
+    STALE = 9
     """the state of `joint` was `value` cycles old"""
-    DIVERGED = 8
+    DIVERGED = 10
     """`joint` was `value` rad from its command"""
-    OWNER_LOST = 9
-    EXPIRED = 10
+    OWNER_LOST = 11
+    EXPIRED = 12
     """a command came `value` s after it expired"""
-    POSITION = 11
+    POSITION = 13
     """these cut set-points, and nothing else: `value` was asked for, `limit` allowed"""
-    VELOCITY = 12
-    TORQUE = 13
-    TORQUE_RATE = 14
-    GAIN = 15
+    VELOCITY = 14
+    TORQUE = 15
+    TORQUE_RATE = 16
+    GAIN = 17
 
 
-CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion", "whole_body")
+CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion", "whole_body", "brake")
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
 LOADED_CODE = 64
 """Likewise: from here on, the slots of the controllers that were loaded by name."""
@@ -229,7 +237,8 @@ CONTROLLER_CHANGE = np.dtype(
 SAFETY = np.dtype(
     [
         ("holds", "u1"),  # the rule holds the robot (or cuts its command) now
-        ("joint", "i2"),  # the joint that it was about when it tripped last, -1: none
+        ("joint", "i2"),  # the joint (of guards: the link) that it was about when it tripped last, -1: none
+        ("other", "i2"),  # of guards: what it came too near to
         ("times", "i8"),  # that it has tripped, since the loop's start
         ("time_ns", "i8"),  # robot's clock, when it tripped last
         ("value", "f8"),

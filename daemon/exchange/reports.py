@@ -68,6 +68,8 @@ def how_it_went(change: np.ndarray | np.void, joints: Sequence[str]) -> str:
         "the robot is enabled again (handrail safety explain); then switch it on again",
         Outcome.STALE_STATE: f"{joint} had not been measured for {value:.0f} cycles: see to the bus (handrail hardware status), "
         "and switch it on again",
+        Outcome.TOO_CLOSE: "bodies came too near to each other, or to a region (handrail safety explain): enable the robot, which "
+        "acknowledges it, and switch it on again",
         Outcome.DIVERGED: f"{joint} was {value:.3f} rad from its command: see what holds the joint, and switch it on again",
         Outcome.CONTROLLER_ERROR: "the controller whose references it commands was taken out of service: see to that one, and "
         "switch both on again",
@@ -249,6 +251,13 @@ def explain(
             "task",
             "",
             "the name of a task with a streamed reference",
+        ),
+        Answer.TOO_CLOSE: (
+            "the guard has stopped a motion before bodies met, or a region: see what (`handrail safety explain`), Enable to "
+            "acknowledge it, then move away",
+            "guard",
+            "stopped",
+            "acknowledged",
         ),
         Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
     }

@@ -1,10 +1,13 @@
-"""The limits in the loop: applied to each cycle's command, and noted where they begin to cut."""
+"""The limits in the loop, and the guard behind them: applied to each cycle's command, and noted where they begin to cut."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from daemon.exchange import Rule
+from daemon.manager import ControllerManager
+from daemon.robot_state import RobotState
+from daemon.safety.guard import Guard
 from daemon.safety.ledger import Ledger
 from daemon.safety.limits import LIMITS, Cut, Limits, cut_of, enforce
 from hal.joint import JointCommand, JointState
@@ -16,15 +19,19 @@ HELD_BACK = 0.02
 class LastWord:
     """Says what is written. A limit that cuts in many cycles on end trips once, and holds while it does."""
 
-    def __init__(self, limits: Limits, ledger: Ledger):
-        self.limits, self._ledger = limits, ledger
+    def __init__(self, manager: ControllerManager, robot: RobotState, ledger: Ledger, largest: JointCommand | None):
+        """`largest`: the largest set-points that can be written (limits.Limits)."""
+        self.limits = Limits.of(robot.kinematics.description, largest)
+        self.guard, self._ledger = Guard(manager, robot, ledger), ledger
         self.limited = 0
         """cycles in which something was cut"""
         self._which = 0
 
     def say(self, out: JointCommand, wanted: JointCommand, previous: JointCommand, state: JointState) -> Cut:
-        """`limits.enforce`, noted."""
+        """`limits.enforce`, noted. `wanted`, the manager's command, becomes that of a brake where the guard has one put on."""
         cut = enforce(out, wanted, previous, state, self.limits)
+        if cut.changed >= 0 and self.guard.brakes(out, previous):
+            cut = enforce(out, wanted, previous, state, self.limits)
         if cut.which != self._which:
             self._note(cut, wanted, previous, state)
         if cut.changed > 0:

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from daemon.actions import Action
     from daemon.controllers.base import Ended
 
+GUARDS = (Rule.SELF_COLLISION, Rule.WORKSPACE)
+"""the rules that keep bodies apart: what they stop may start again once somebody has acknowledged it"""
+
 
 class Ledger:
     """One row a rule (exchange.SAFETY); whoever publishes takes them over when there is `news`, and gives those the time."""
@@ -23,10 +26,19 @@ class Ledger:
         self.news: list[Rule] = []
         """what has changed since somebody looked"""
 
-    def trip(self, rule: Rule, joint: int = -1, value: float = 0.0, limit: float = 0.0, *, holds: bool = False) -> None:
+    def trip(
+        self,
+        rule: Rule,
+        joint: int = -1,
+        value: float = 0.0,
+        limit: float = 0.0,
+        *,
+        holds: bool = False,
+        other: int = -1,
+    ) -> None:
         """`rule` has tripped. `holds`: and holds the robot until `release`."""
         row = self.rows[rule]
-        row["holds"], row["times"], row["joint"] = holds, row["times"] + 1, joint
+        row["holds"], row["times"], row["joint"], row["other"] = holds, row["times"] + 1, joint, other
         row["value"], row["limit"] = value, limit
         row["time_ns"] = -1  # in this cycle
         self.news.append(rule)

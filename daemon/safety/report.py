@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from daemon.exchange import Flag, Rule
+from daemon.exchange import Flag, Rule, frame_names
+from daemon.safety.ledger import GUARDS
 from daemon.safety.table import TABLE
 from handrail.messages import SafetyReport, SafetyRule
 from handrail.robot.description import RobotDescription
@@ -36,8 +37,15 @@ def _rules(snapshot: np.ndarray, description: RobotDescription, problems: Mappin
         row, words = snapshot["safety"][rule], TABLE[rule]
         if not row["times"]:
             continue
-        joint = description.joints[int(row["joint"])] if row["joint"] >= 0 else ""
-        detail = words.detail.format(joint=joint, value=float(row["value"]), limit=float(row["limit"]))
+        numbers = {"value": float(row["value"]), "limit": float(row["limit"])}
+        if rule in GUARDS:
+            joint, links = "", frame_names(description)
+            at = int(row["other"])
+            other = links[at] if rule is Rule.SELF_COLLISION else description.guard.regions[at].name
+            detail = words.detail.format(body=links[int(row["joint"])], other=other, **numbers)
+        else:
+            joint = description.joints[int(row["joint"])] if row["joint"] >= 0 else ""
+            detail = words.detail.format(joint=joint, **numbers)
         if "{joint}" in words.detail and not joint:
             detail = ""
         if rule is Rule.OPERATOR_STOP and row["holds"]:

@@ -14,11 +14,18 @@ class Words(NamedTuple):
     does: str
     recover: str
     detail: str
-    """of one trip: a format string of joint, value and limit"""
+    """of one trip: a format string of joint, value and limit; of guards, of body and other instead of joint"""
 
 
 _ANEW = "nothing to do: the next command is judged anew"
 _CUTS = "cuts the set-point in that cycle; held back by more than 0.02 rad, the action ends (held_back)"
+_BRAKES = (
+    "whatever commands joints between the two brakes to a stand in the direction of its motion, without a jump and as hard as the "
+    "joints' torque allows, and ends; the rest goes on. It latches: no motion starts"
+)
+_ACKNOWLEDGE = (
+    "enable, which acknowledges it; then move away: what would lead nearer still is stopped in its first cycle"
+)
 TABLE: dict[Rule, Words] = {
     Rule.OPERATOR_STOP: Words(
         "anybody stops: `handrail stop`, the tablet, any client, the local stop socket; or the loop itself, where it missed as "
@@ -53,6 +60,19 @@ TABLE: dict[Rule, Words] = {
         "Where no other limb is left, every drive quick-stops",
         "remove the cause (`handrail hardware status`), then enable: that resets the fault and holds the limb where it is measured",
         "the drive of {joint}",
+    ),
+    Rule.SELF_COLLISION: Words(
+        "two bodies of the robot would come nearer to each other than `guard.margin` (robot.yaml) if it braked after this cycle",
+        _BRAKES,
+        _ACKNOWLEDGE,
+        "{body} was {value:.3f} m from {other}; at least {limit:g} must be left after braking",
+    ),
+    Rule.WORKSPACE: Words(
+        "a link would come nearer to a half space or box of `guard.regions` (robot.yaml) than its margin if the robot braked after "
+        "this cycle",
+        _BRAKES,
+        _ACKNOWLEDGE,
+        "{body} was {value:.3f} m from {other}; at least {limit:g} must be left after braking",
     ),
     Rule.NOT_FINITE: Words(
         "a controller's set-point is no finite number, or can't be judged since what was measured is none",

@@ -19,6 +19,7 @@ import numpy as np
 
 from handrail import config, workspace
 from handrail.robot import urdf
+from handrail.robot.guarding import Guarding, HalfSpace
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -192,6 +193,7 @@ class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     arms: dict[str, _ArmFile]
     control: _Control
     allowed_collision_pairs: list[tuple[str, str]] = []
+    guard: Guarding = Guarding()
     home: dict[str, dict[str, float]]
     base: Literal["fixed", "free"] = "fixed"
     support: Literal["gantry", "none"] = "none"
@@ -317,6 +319,7 @@ class RobotDescription:
     stop_after_misses: int
     """periods that the loop may miss in a row, on the wall clock, before it stops the robot; 0: any number"""
     allowed_collision_pairs: tuple[tuple[str, str], ...]
+    guard: Guarding
     base: Literal["fixed", "free"]
     support: Literal["gantry", "none"]
     """what holds a free base in the plant; a gantry lets it neither move nor turn"""
@@ -465,6 +468,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         watchdog_cycles=file.control.watchdog_cycles,
         stop_after_misses=file.control.stop_after_misses,
         allowed_collision_pairs=tuple(file.allowed_collision_pairs),
+        guard=_guard(document, file.guard, tree),
         base=file.base,
         support=file.support,
         floor=file.floor,
@@ -568,6 +572,22 @@ def _cameras(document: config.Document, given: Sequence[Camera], tree: ET.Elemen
                 f"cameras[{number}].near", f"got {camera.near:g} m; expected less than far, {camera.far:g}"
             )
     return tuple(given)
+
+
+def _guard(document: config.Document, guard: Guarding, tree: ET.Element) -> Guarding:
+    links = [link.get("name", "") for link in tree.findall("link")]
+    for number, region in enumerate(guard.regions):
+        field = f"guard.regions[{number}]"
+        if region.frame not in links:
+            raise document.error(f"{field}.frame", f"no link {region.frame!r} in the URDF")
+        if region.name in {other.name for other in guard.regions[:number]}:
+            raise document.error(f"{field}.name", f"got {region.name!r} twice; expected a name of its own")
+        for pattern in region.links:
+            if not fnmatch.filter(links, pattern):
+                raise document.error(f"{field}.links", f"{pattern!r} matches no link of the URDF")
+        if isinstance(region, HalfSpace) and not any(region.normal):
+            raise document.error(f"{field}.normal", "got no direction; expected a vector to the side that is free")
+    return guard
 
 
 def _limits(tree: ET.Element) -> dict[str, tuple[float, float, float, float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,10 @@ from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
 from hal.joint import JointState
 from handrail.messages import SafetyRule
+from handrail.robot.description import RobotDescription
+from handrail.robot.guarding import Guarding, HalfSpace
 
+WALL = HalfSpace(name="wall", frame="base_link", point=(0.0, -0.6, 0.0), normal=(0.0, 2.0, 0.0), links=("tool_right",))
 JOINT, OTHER = "arm_right_1_joint", "arm_left_2_joint"
 
 
@@ -126,6 +130,53 @@ def drive_fault(bench: Any) -> None:
     held(bench)
 
 
+def brakes_and_latches(bench: Any, rule: Rule, joint: str, by: float, bodies: str) -> None:
+    """A motion of one joint is stopped before it brings bodies together; another joint's goes on."""
+    from daemon.exchange import Kind
+
+    row, other = bench.index(joint), bench.index("head_2_joint")
+    assert bench.start(bench.move(joint, by, 1.0)) is Answer.ACCEPTED
+    assert bench.start(bench.move("head_2_joint", 0.4, 5.0)) is Answer.ACCEPTED
+    commands = []
+    for _ in range(700):
+        commands.append(bench.run()["command"][0].copy())
+        if bench.action() == (ActionState.ENDED, Outcome.TOO_CLOSE) and len(bench.loop.manager.active) == 2:
+            break  # it has braked, and is held again
+    assert bytes(bench.snapshot()["actions"][0]["detail"]).decode().startswith(bodies.split(" and ", maxsplit=1)[0])
+    assert bench.action(1)[0] is ActionState.RUNNING
+    speed = np.diff(np.array(commands), axis=0) / 0.002
+    assert abs(speed[-1, row]) < 1e-3
+    assert abs(speed[-1, other]) > 0.01
+    assert np.abs(np.diff(speed[:, row])).max() < 0.5, "no jump: rad/s from cycle to cycle"
+    held = tripped(bench, rule)
+    assert held["holds"]
+    assert held["value"] > held["limit"] == 0.01
+    (told, *_), text = explained(bench)
+    assert all(body in told.detail for body in bodies.split(" and ")), told.detail
+    assert f"held by {rule.name.lower()}" in text
+    assert bench.start(bench.move(joint, -0.4 * by)) is Answer.TOO_CLOSE, "it is latched"
+    for share, outcome in ((0.2, Outcome.TOO_CLOSE), (-0.4, Outcome.DONE)):
+        assert bench.ask(Kind.ENABLE) is Answer.ACCEPTED
+        assert not tripped(bench, rule)["holds"]
+        where = bench.loop.written.position[row]
+        assert bench.start(bench.move(joint, share * by)) is Answer.ACCEPTED
+        slot = int(np.argmax(bench.snapshot()["actions"]["serial"]))
+        while bench.action(slot)[0] is not ActionState.ENDED:
+            bench.run()
+        assert bench.action(slot)[1] is outcome
+        bench.run(60)
+        if outcome is Outcome.TOO_CLOSE:
+            assert abs(bench.loop.written.position[row] - where) < 0.05
+
+
+def self_collision(bench: Any) -> None:
+    brakes_and_latches(bench, Rule.SELF_COLLISION, "arm_left_3_joint", -1.6, "leg_left_3_link and arm_left_7_link")
+
+
+def workspace(bench: Any) -> None:
+    brakes_and_latches(bench, Rule.WORKSPACE, "arm_right_4_joint", 1.2, "tool_right and wall")
+
+
 def not_finite(bench: Any) -> None:
     bench.start(bench.move(JOINT, 0.3))
     bench.run(50)
@@ -174,7 +225,7 @@ def stale(bench: Any) -> None:
 def diverged(bench: Any) -> None:
     row = bench.index(JOINT)
     bench.start(bench.move(JOINT, 0.1, 2.0))
-    bench.drives.external_torque[row] = -3000.0
+    bench.drives.external_torque[row] = -200.0
     for _ in range(200):
         if bench.run()["actions"][0]["state"] == ActionState.ENDED:
             break
@@ -267,6 +318,8 @@ TIMELINES: dict[Rule, Callable[[Any], None]] = {
     Rule.NO_COMMAND: no_command,
     Rule.PROTOCOL: protocol,
     Rule.DRIVE_FAULT: drive_fault,
+    Rule.SELF_COLLISION: self_collision,
+    Rule.WORKSPACE: workspace,
     Rule.NOT_FINITE: not_finite,
     Rule.HELD_BACK: held_back,
     Rule.STALE: stale,
@@ -282,7 +335,8 @@ TIMELINES: dict[Rule, Callable[[Any], None]] = {
 
 
 @pytest.mark.parametrize("rule", list(Rule), ids=lambda rule: rule.name.lower())
-def test_each_rule_does_what_its_row_says(bench: Any, rule: Rule) -> None:
+def test_each_rule_does_what_its_row_says(talos: RobotDescription, make_bench: Callable[..., Any], rule: Rule) -> None:
+    bench = make_bench(replace(talos, guard=Guarding(regions=(WALL,))))
     bench.enable()
     assert not bench.snapshot()["safety"]["times"].any(), "nothing has tripped on a robot that is only held"
     TIMELINES[rule](bench)

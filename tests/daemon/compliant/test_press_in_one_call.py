@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.behaviour_file import BehaviourFile
 from daemon.exchange import ActionState, Outcome
 from daemon.server import robot_info
 from hal.plant import scene
+from handrail.behaviour_file import BehaviourFile
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 

@@ -19,7 +19,7 @@ from hal.plant.joint_port import JointPort
 from hal.plant.power import Battery
 from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.sensor_noise import Noise
-from hal.plant.sensors import ForceTorque, Imu
+from hal.plant.sensors import FORCE_TORQUE, IMU, MEMORY, ForceTorque, Imu, feel
 
 if TYPE_CHECKING:
     from hal.plant.drive_node import DriveNodes
@@ -70,6 +70,16 @@ class DevicePlant:
         """Read joints and links there from now on; it has to watch `joints` and `links`."""
         self._port = joints
         self._moved = dict(zip(self.links, joints.moved, strict=True))
+        plan = [
+            (IMU, row, self.links.index(imu.carrier)) for row, imu in self._imus.items() if imu.carrier in self.links
+        ]
+        plan += [(FORCE_TORQUE, row, self._at[row]) for row, wrist in self._wrists.items() if wrist.simple]
+        self._plan = np.array(plan, np.int64).reshape(-1, 3)
+        memories = [(self._imus if kind == IMU else self._wrists)[row].memory for kind, row, _ in plan]
+        self._memories = np.array(memories).reshape(-1, MEMORY)
+        # What no compiled code measures.
+        self._on_base = {row: imu for row, imu in self._imus.items() if imu.carrier not in self.links}
+        self._mechanisms = {row: wrist for row, wrist in self._wrists.items() if not wrist.simple}
 
     @property
     def powered(self) -> bool:
@@ -91,25 +101,22 @@ class DevicePlant:
     def measure(self, due: npt.NDArray[np.bool_] | None = None) -> DeviceState:
         """Measure everything, as the world stands now; batteries only where `due` (d,), if given. Returns `state`."""
         state, time_ns = self.state, self._clock()
-        values, joints = state.values, self._port.felt
-        self._port.look_at_links()
-        for row, imu in self._imus.items():
-            moved = self._moved[imu.carrier] if imu.carrier != BASE else np.concatenate(self._body.base_motion())
-            imu.measure(moved, time_ns, values[row])
-        for row, wrist in self._wrists.items():
-            wrist.measure(joints[self._at[row]], self._moved, time_ns, values[row])
+        values, port = state.values, self._port
+        port.look_at_links()
+        for row, imu in self._on_base.items():
+            imu.measure(np.concatenate(self._body.base_motion()), time_ns, values[row])
+        for row, wrist in self._mechanisms.items():
+            wrist.measure(self._moved, time_ns, values[row])
         for row, gripper in self.grippers.items():
-            gripper.measure(joints[self._at[row]], time_ns, values[row])
+            gripper.measure(port.felt[self._at[row]], time_ns, values[row])
         actuators = self._drives.actuators
         for row, battery in self.batteries.items():
             if due is not None and not due[row]:
                 continue  # its charge falls over hours: what passed since it was last asked is enough
-            battery.draw(time_ns, float(actuators.spring_torque @ self._port.velocity), actuators.current)
+            battery.draw(time_ns, float(actuators.spring_torque @ port.velocity), actuators.current)
             battery.measure(values[row])
             self._look_at_power()
-        self._noise.add(values)
-        state.measured_ns[:] = time_ns
-        state.age[:] = 0
+        feel(self._plan, self._memories, port.moved, port.felt, self._noise.draw(), state.memory, float(time_ns))
         return state
 
     def command(self, row: int, values: npt.NDArray[np.float64]) -> None:

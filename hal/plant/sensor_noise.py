@@ -75,11 +75,11 @@ class Noise:
         given = getattr(device.noise, field)
         return float(getattr(DEFAULTS[device.family], field) if given is None else given)
 
-    def add(self, values: npt.NDArray[np.float64]) -> None:
-        """Add this measurement's noise to hal.device's values (devices, columns)."""
+    def draw(self) -> npt.NDArray[np.float64]:
+        """This measurement's noise, to be added to hal.device's values (devices, columns)."""
         if self._next == _BLOCK:
             drawn = self._draw.standard_normal((_BLOCK, len(self._sigma)))
             self._block[:, *self._places] = drawn * self._sigma + self._bias
             self._next = 0
-        values += self._block[self._next]
         self._next += 1
+        return self._block[self._next - 1]

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.drives.borrowing import borrowed
+from hal.drives.rows import device_state
 from hal.plant.bullet import pybullet as p
 from hal.plant.robot_body import RobotBody, Vector
 from hal.plant.scene import quaternion
@@ -13,6 +14,10 @@ from handrail.compiled import compiled
 
 GRAVITY = 9.81
 """m/s², along the world's −z"""
+
+IMU, FORCE_TORQUE = range(2)
+MEMORY = 14
+"""Numbers that a sensor remembers."""
 
 Moved = dict[int, npt.NDArray[np.float64]]
 """PyBullet's link → its row of JointPort.moved"""
@@ -40,15 +45,14 @@ class Imu:
         self.carrier, offset, turn = body.frame(link)
         """PyBullet's link that carries it"""
         centre, axes = body.inertial(self.carrier)
-        self._memory = np.zeros(13)
-        self._memory[:3], self._memory[3:7] = axes.T @ (offset - centre), quaternion(axes.T @ turn)
-        self._time_ns = -1
+        self.memory = np.zeros(MEMORY)
+        """for `feel`"""
+        self.memory[:3], self.memory[3:7] = axes.T @ (offset - centre), quaternion(axes.T @ turn)
+        self.memory[13] = -1.0
 
     def measure(self, moved: npt.NDArray[np.float64], time_ns: int, values: npt.NDArray[np.float64]) -> None:
         """Write hal.device's imu columns, for the carrier's row of JointPort.moved."""
-        passed = (time_ns - self._time_ns) * 1e-9 if self._time_ns >= 0 else 0.0
-        self._time_ns = time_ns
-        _feel(moved, passed, self._memory, values)
+        _feel(moved, float(time_ns), self.memory, values)
 
 
 @compiled
@@ -64,9 +68,12 @@ def _turned(q, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _feel(moved, passed, memory, values):  # type: ignore[no-untyped-def]
-    """An IMU's columns. memory (13,): place and orientation in the carrier's inertial frame, last velocity and acceleration."""
+def _feel(moved, time_ns, memory, values):  # type: ignore[no-untyped-def]
+    """An IMU's columns. memory (MEMORY,): place and orientation in the carrier's inertial frame, last velocity and acceleration,
+    when that was (ns; −1: never)."""
     moved, memory, values = borrowed(moved), borrowed(memory), borrowed(values)
+    passed = (time_ns - memory[13]) * 1e-9 if memory[13] >= 0.0 else 0.0
+    memory[13] = time_ns
     x, y, z, w = moved[3], moved[4], moved[5], moved[6]
     lx, ly, lz = _turned((x, y, z, w), (memory[0], memory[1], memory[2]))
     i, j, k, m = memory[3], memory[4], memory[5], memory[6]
@@ -113,7 +120,8 @@ class ForceTorque:
         """PyBullet's links whose states it wants to know"""
         # PyBullet answers in the inertial frame of the link beyond the cut: what carries it exerts on it.
         centre, turn = body.inertial(carrier)
-        self._place = np.array([*centre, *quaternion(turn)])
+        self.memory = np.array([*centre, *quaternion(turn), *[0.0] * (MEMORY - 7)])
+        """for `feel`, where the joint tells all"""
         self._frame_in_centre = p.invertTransform(centre.tolist(), quaternion(turn))
         self.sense(True)
 
@@ -122,19 +130,15 @@ class ForceTorque:
         if self._mechanism is None:
             p.enableJointForceTorqueSensor(self._body.number, self.carrier, on, physicsClientId=self._body.client)
 
-    def measure(
-        self, joint: npt.NDArray[np.float64], moved: Moved, time_ns: int, values: npt.NDArray[np.float64]
-    ) -> None:
-        """Write hal.device's force_torque columns, for the row of JointPort.felt of the link's joint, and those of `links`."""
-        if self._mechanism is None:
-            _carry(joint, self._place, values)
-        else:
-            self._measure_mechanism(self._mechanism, moved, time_ns, values)
+    @property
+    def simple(self) -> bool:
+        """The link's joint tells all: `feel` measures it."""
+        return self._mechanism is None
 
-    def _measure_mechanism(
-        self, mechanism: Mechanism, moved: Moved, time_ns: int, values: npt.NDArray[np.float64]
-    ) -> None:
-        force, torque = mechanism.wrench(moved, time_ns)
+    def measure(self, moved: Moved, time_ns: int, values: npt.NDArray[np.float64]) -> None:
+        """Write hal.device's force_torque columns, for the rows of JointPort.moved of `links`: of one that is not `simple`."""
+        assert self._mechanism is not None, "a simple one is measured by `feel`"
+        force, torque = self._mechanism.wrench(moved, time_ns)
         centre = moved[self.carrier].tolist()
         here, orientation = p.multiplyTransforms(centre[:3], centre[3:7], *self._frame_in_centre)
         mx, my, mz = _cross(here, force)
@@ -145,7 +149,8 @@ class ForceTorque:
 
 @compiled
 def _carry(joint, place, values):  # type: ignore[no-untyped-def]
-    """What a joint's reaction on a link, in the link's inertial frame at `place` (7,), means in the link's frame: its opposite."""
+    """What a joint's reaction on a link, in the link's inertial frame at `place` (7, ...), means in the link's frame: its
+    opposite."""
     joint, place, values = borrowed(joint), borrowed(place), borrowed(values)
     turn = (place[3], place[4], place[5], place[6])
     fx, fy, fz = _turned(turn, (joint[2], joint[3], joint[4]))
@@ -154,6 +159,25 @@ def _carry(joint, place, values):  # type: ignore[no-untyped-def]
     values[3] = -tx - (place[1] * fz - place[2] * fy)
     values[4] = -ty - (place[2] * fx - place[0] * fz)
     values[5] = -tz - (place[0] * fy - place[1] * fx)
+
+
+@compiled
+def feel(plan, memories, moved, felt, noise, devices, time_ns):  # type: ignore[no-untyped-def]
+    """Measure all at once; a DeviceState's memory `devices` gets it, with `noise` (d, MEASURED) on top.
+
+    plan (k, 3): `IMU` or `FORCE_TORQUE`, the device's row, its row in JointPort.moved or .felt; memories (k, MEMORY): theirs.
+    """
+    values, times = device_state(devices, noise.shape[0])
+    for k in range(plan.shape[0]):
+        kind, row, at = plan[k]
+        if kind == IMU:
+            _feel(moved[at], time_ns, memories[k], values[row])
+        else:
+            _carry(felt[at], memories[k], values[row])
+    for row in range(noise.shape[0]):
+        for column in range(noise.shape[1]):
+            values[row, column] += noise[row, column]
+        times[0, row], times[1, row] = 0, np.int64(time_ns)
 
 
 class Mechanism:

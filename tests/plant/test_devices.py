@@ -145,8 +145,8 @@ def test_the_battery_pays_for_holding_a_load(host, row):
 def test_a_sensors_noise_is_its_density_at_the_robots_rate_and_its_offset_stays(robot, row):
     noise = Noise(robot.devices, robot.period_ns * 1e-9)
     samples = np.zeros((3000, len(robot.devices), MEASURED))
-    for sample in samples:
-        noise.add(sample)
+    for at in range(len(samples)):
+        samples[at] = noise.draw()
     imu, wrist = samples[:, row["torso_imu"]], samples[:, row["wrist_right_ft"]]
     half_rate = np.sqrt(0.5e9 / robot.period_ns)
     for got, what, family in (
@@ -163,8 +163,7 @@ def test_a_sensors_noise_is_its_density_at_the_robots_rate_and_its_offset_stays(
     np.testing.assert_allclose(first, last, atol=0.006)
     exact = np.delete(samples, [*range(4, 10)], axis=2)[:, [row["torso_imu"], row["battery"]]]
     assert not exact.any(), "orientation and power are as they are"
-    again = np.zeros_like(samples[0])
-    Noise(robot.devices, robot.period_ns * 1e-9).add(again)
+    again = Noise(robot.devices, robot.period_ns * 1e-9).draw()
     assert (again == samples[0]).all(), "the same in every run"
 
 
@@ -175,8 +174,8 @@ def test_a_robot_says_what_noise_its_own_sensors_have(tmp_path):
     noisy = description.load(tmp_path)
     samples = np.zeros((2000, 1, MEASURED))
     noise = Noise(noisy.devices, noisy.period_ns * 1e-9)
-    for sample in samples:
-        noise.add(sample)
+    for at in range(len(samples)):
+        samples[at] = noise.draw()
     np.testing.assert_allclose(samples[:, 0, 4:7].std(axis=0), 0.01 * np.sqrt(250), rtol=0.08)
     np.testing.assert_allclose(samples[:, 0, 7:10].std(axis=0), 0.0, atol=1e-12)
     (tmp_path / "robot.yaml").write_text(text + device % "force: 0.1")

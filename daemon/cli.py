@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -15,7 +16,9 @@ import typer
 
 from handrail.keepalive import Keepalive
 from handrail.messages import (
+    Base,
     DaemonStatus,
+    GetBase,
     GetHardware,
     GetSafety,
     GetStatus,
@@ -79,6 +82,24 @@ def stats(
         print("", name, *_histogram(of, timing.edges_us), sep="\n")
 
 
+@daemon.command()
+def base(
+    json: Annotated[bool, typer.Option("--json", help="Print the message as JSON.")] = False,
+    runtime: Annotated[Path | None, RUNTIME] = None,
+) -> None:
+    """Where the robot's base is in the world, what tells that, and which feet hold.
+
+    Exit status 1: nothing tells where it is.
+    """
+    told: Base = ask("daemon base", GetBase(), runtime)
+    if json:
+        print(msgspec.json.format(msgspec.json.encode(told), indent=1).decode())
+    else:
+        print(*_based(told), sep="\n")
+    if told.source == "none":
+        sys.exit(1)
+
+
 @hardware.command()
 def status(runtime: Annotated[Path | None, RUNTIME] = None) -> None:
     """Every drive and device: life in ros2_control's words, CiA 402 state, error, heat, age, versions, channel, its state.
@@ -139,6 +160,42 @@ def leases(runtime: Annotated[Path | None, RUNTIME] = None) -> None:
     told: DaemonStatus = ask("safety leases", GetStatus(), runtime)
     rows = [(lease.part, lease.owner, str(lease.epoch)) for lease in told.leases]
     print(*(aligned([("part", "owner", "epoch"), *rows]) if rows else ["every part is free"]), sep="\n")
+
+
+_TELLS = {
+    "feet": "by its feet and the inertial sensor",
+    "still": "it hangs still: no foot holds, and the inertial sensor says that it does not move",
+    "inertial": "by the inertial sensor alone, no foot holds: errors grow",
+}
+"""Base.source → what that means"""
+
+
+def _based(told: Base) -> list[str]:
+    if told.source == "fixed":
+        return ["the base is fixed: its frame is the world's"]
+    since = f"for {(told.time_ns - told.since_ns) * 1e-9:.1f} s"
+    x, y, z = told.pose_in_world.position
+    i, j, k, w = told.pose_in_world.orientation
+    angles = (
+        math.atan2(2 * (w * i + j * k), 1 - 2 * (i * i + j * j)),
+        math.asin(max(-1.0, min(1.0, 2 * (w * j - i * k)))),
+        math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k)),
+    )
+    roll, pitch, yaw = map(math.degrees, angles)
+    place = f"x {x:.3f}  y {y:.3f}  z {z:.3f} m  roll {roll:.2f}  pitch {pitch:.2f}  yaw {yaw:.2f}°"
+    if told.source == "none":
+        lines = [f"nobody knows where the base is, {since}: {told.problem}", f"  last known  {place}"]
+    else:
+        error = f"± {told.position_deviation * 1e3:.1f} mm, {math.degrees(told.orientation_deviation):.2f}°"
+        speed = math.hypot(*told.linear_velocity), math.degrees(math.hypot(*told.angular_velocity))
+        lines = [f"{place}  ({error})", f"  moves  {speed[0]:.3f} m/s, {speed[1]:.2f} °/s"]
+        lines.append(f"  told   {_TELLS[told.source]}, {since}")
+    heads = ("foot", "holds", "N up", "N along x", "N along y")
+    rows = [
+        (foot.name, "yes" if foot.holds else "no", *(str(round(foot.force[i])) for i in (2, 0, 1)))
+        for foot in told.feet
+    ]
+    return [*lines, "", *aligned([heads, *rows])] if rows else lines
 
 
 def _explained(told: SafetyReport) -> list[str]:

@@ -118,6 +118,7 @@ class Loop:
         if self.lockstep:
             began = time.perf_counter_ns()  # until here it waited for the plant: that is no work
         self.robot.update(self.written)
+        self.robot.estimate_base(self.time_ns)
         self.controllers.collect(self.time_ns)
         self.orders.serve(self.written, self.time_ns)
         self.life.update(self.written, self.time_ns)

@@ -64,6 +64,7 @@ class Reporter:
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
         self._signature: object = None
         self._columns = columns or {}
+        self._feet = [foot.name for foot in description.feet]
 
     def follow(self, snapshots: np.ndarray) -> Iterator[RobotState | DeviceStates | ActionEvent]:
         """What new snapshots (k,), oldest first, have to tell. Each is told once; call with what a ring's `read` gives."""
@@ -83,7 +84,7 @@ class Reporter:
             if news:
                 yield from self._action_events(snapshots[row])
             if tick != (tick := time_ns // STATE_PERIOD_NS):
-                yield robot_state(snapshots[row])
+                yield robot_state(snapshots[row], self._feet)
                 if self._description.devices and tick % _TICKS_A_DEVICE_STATE == 0:
                     yield device_states(snapshots[row], self._description, self._columns)
         self.snapshot = snapshots[-1].reshape(())

@@ -9,6 +9,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from daemon.base_state import BaseSource, BaseState, Trouble
+from daemon.estimator import BaseEstimator, can_estimate
 from daemon.observer import ExternalWrenches
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
@@ -30,7 +32,8 @@ class RobotState:
     """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
 
     Gravity is there after `update`; forward kinematics run when somebody asks for a frame, once a cycle. Arrays have one row a
-    joint in the description's order, frames are in the world (`base_link`). `gravity` is overwritten by the next `update`.
+    joint in the description's order, frames are seen from the base (`base_link`), which on a fixed one is the world. `gravity` is
+    overwritten by the next `update`.
     """
 
     def __init__(self, kinematics: Kinematics, joints: JointState, period: float, devices: DeviceState | None = None):
@@ -43,6 +46,14 @@ class RobotState:
         self._outside = ExternalWrenches(kinematics, joints, period, devices)
         self.wrenches = self._outside.wrenches
         """frame → (6,) N, N·m about its origin, world axes: what something outside exerts there; see `estimate_forces`"""
+        self._estimator: BaseEstimator | None = None
+        self.base = BaseState()
+        """where the base is in the world, as of the last `estimate_base`"""
+        if devices is not None and can_estimate(kinematics.description):
+            self._estimator = BaseEstimator(kinematics, joints, devices, period)
+            self.base = self._estimator.state
+        elif kinematics.description.base == "free":
+            self.base.source[0], self.base.trouble[0] = BaseSource.NONE, Trouble.NO_SENSORS
         self._model = kinematics.model
         self._measured, self._commanded = self._model.createData(), self._model.createData()
         self._rows = kinematics.index_v
@@ -58,6 +69,11 @@ class RobotState:
         self._v[self._rows] = self.joints.velocity
         self.gravity[...] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
         self._measured_fresh = self._commanded_fresh = False
+
+    def estimate_base(self, time_ns: int) -> None:
+        """Update `base`, where it is not fixed. time_ns: the robot's clock."""
+        if self._estimator is not None:
+            self._estimator.update(time_ns)
 
     def frame(self, name: str) -> FramePose:
         """A frame where it is measured to be."""

@@ -105,6 +105,7 @@ class Server:
             m.GetRobot: lambda _: robot_info(description),
             m.GetStatus: lambda _: self._status(),
             m.GetTiming: self._tell_timing,
+            m.GetBase: lambda _: self._tell_base(),
             m.GetHardware: lambda _: self._hardware(),
             m.GetSafety: lambda _: self._safety(),
             m.GetControllers: lambda _: self._desk.list(self._with_roster()),
@@ -236,6 +237,12 @@ class Server:
             self._timing.begin_anew()
         description = self._description
         return loop_timing(record, self._clock, description.period_ns, description.stop_after_misses)
+
+    def _tell_base(self) -> m.Base:
+        self._publish_news()
+        if self._reporter.snapshot is None or not self._reporter.alive:
+            raise refuse(_NO_LOOP)
+        return exchange.base(self._reporter.snapshot, [foot.name for foot in self._description.feet])
 
     # -------------------------------------------------------------------------------------------------------- calls
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from daemon.actions import Action, ActionTable
+from daemon.base_state import BaseSource
 from daemon.controller_table import ControllerTable
 from daemon.exchange import MAX_HOLDS, ActionState, Flag, StateWriter
 from daemon.life import Life
@@ -72,6 +73,21 @@ class SnapshotWriter:
                 "device_measured_ns": devices.measured_ns,
             }
             self._copies.append((_block(record, devices.memory, parts), devices.memory))
+        base = robot.base
+        parts = {
+            "base_pose": base.pose,
+            "base_twist": base.twist,
+            "base_sigma": base.sigma,
+            "foot_force": base.force,
+            "base_since_ns": base.since_ns,
+            "base_source": base.source,
+            "base_trouble": base.trouble,
+            "foot_contact": base.contact,
+        }
+        told = _block(record, base.memory, parts)
+        told[...] = base.memory
+        if base.source[0] != BaseSource.FIXED:
+            self._copies.append((told, base.memory))
         like = JointCommand(len(state))
         self._command = _block(record, like.memory, {"command": like.table, "mode": like.mode})
         self._external_force, self._felt = record["external_force"], False
@@ -170,6 +186,8 @@ def _block(record: np.ndarray, memory: np.ndarray, parts: Mapping[str, np.ndarra
     assert fields is not None
     first = min(fields[name][1] for name in parts)
     for name, part in parts.items():
+        if not part.size:  # of a robot without feet
+            continue
         lies = fields[name][1] - first, fields[name][0].itemsize
         assert lies == (part.ctypes.data - memory.ctypes.data, part.nbytes), f"{name} does not lie as in the memory"
     return np.ndarray(memory.shape, memory.dtype, record.reshape(1).view(np.uint8).data, first)

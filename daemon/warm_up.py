@@ -29,6 +29,7 @@ def warm_up(kinematics: Kinematics) -> None:
     robot.update(command)
     for age in (SENSOR_AGE + 1, 0):  # by the joints, and by the sensors where there are some
         devices.age[:] = age
+        robot.estimate_base(0)
         robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     for integral in (None, OuterIntegral(IntegralGains(*np.zeros((4, n))), limits.period)):

@@ -73,6 +73,40 @@ class Pose(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 # ------------------------------------------------------------------------------------------------------ daemon: state out
 
 
+class Foot(msgspec.Struct, kw_only=True):
+    """One foot, as it is felt."""
+
+    name: str
+    holds: bool
+    """it bears more than a small share of the robot's weight"""
+    force: tuple[float, float, float]
+    """N, world axes, that the ground exerts on it"""
+
+
+@_travels(priority=4, reliable=False, superseded_by=("type",))
+class Base(Message):
+    """Where the robot's base is: its root link, in the world. Answer to GetBase, and part of RobotState where it is not fixed."""
+
+    time_ns: int
+    pose_in_world: Pose
+    linear_velocity: tuple[float, float, float]
+    """m/s, of its origin, in its own axes"""
+    angular_velocity: tuple[float, float, float]
+    """rad/s, likewise"""
+    position_deviation: float
+    """m, standard deviation of all three axes together"""
+    orientation_deviation: float
+    """rad, likewise"""
+    source: Literal["fixed", "feet", "still", "inertial", "none"]
+    """what tells: nothing has to, the base is fixed; feet that hold; that the robot hangs still; the inertial sensor alone, and
+    errors grow; nothing, and the pose is the last that was known"""
+    problem: str = ""
+    """why there is none, in words"""
+    since_ns: int = 0
+    """robot's clock, since when source and problem are these"""
+    feet: list[Foot] = []
+
+
 @_travels(priority=4, reliable=False, superseded_by=("type",), remote=True)
 class RobotState(Message):
     """The robot at one cycle. Arrays have one row a joint, in the order of RobotInfo.joints."""
@@ -89,6 +123,13 @@ class RobotState(Message):
     """rad, what the drives were last commanded to hold or follow"""
     external_force: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """N, world frame, estimated at the tool of the active action (zero without one)"""
+    base: Base | None = None
+    """none: it is fixed, and its frame is the world's"""
+
+    @property
+    def base_in_world(self) -> Pose:
+        """The base's pose, fixed or not."""
+        return Pose() if self.base is None else self.base.pose_in_world
 
 
 class DriveStatus(msgspec.Struct, kw_only=True):
@@ -352,6 +393,11 @@ class GetTiming(Message):
 
     reset: bool = False
     """count anew from here on"""
+
+
+@_travels(priority=1)
+class GetBase(Message):
+    """Where the base is, and which feet hold. Refused while no loop runs."""
 
 
 class TimeDistribution(msgspec.Struct, kw_only=True):
@@ -1063,6 +1109,7 @@ class ResumeAction(Message):
 GetRobot.Reply = RobotInfo
 GetStatus.Reply = DaemonStatus
 GetTiming.Reply = LoopTiming
+GetBase.Reply = Base
 GetHardware.Reply = HardwareStatus
 GetSafety.Reply = SafetyReport
 TakeLease.Reply = Lease
@@ -1073,6 +1120,7 @@ DaemonCall = (
     GetRobot
     | GetStatus
     | GetTiming
+    | GetBase
     | GetHardware
     | GetSafety
     | GetControllers
@@ -1437,6 +1485,7 @@ Answer = (
     | RobotInfo
     | DaemonStatus
     | LoopTiming
+    | Base
     | HardwareStatus
     | SafetyReport
     | Lease

@@ -61,7 +61,8 @@ from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 
 TRANSFORM_PERIOD_NS = 40_000_000
-WORLD = "base_link"
+BASE, WORLD = "base_link", "world"
+"""frames in which poses are told: a fixed base's is the world's"""
 _LOOK_MS = 100
 """wall time after which other ways than messages are looked at though nobody says anything"""
 BATCH_S = 0.05
@@ -121,6 +122,7 @@ class Recording:
         self._links: Links | None = None
         self._instances: dict[str, InstanceState] = {}
         self._next_transforms = 0
+        self._world = BASE
         self.counts: dict[str, int] = {}
         """messages written, by topic"""
 
@@ -189,6 +191,9 @@ class Recording:
             "/joint_states", foxglove.joint_states(stamp, names, state.position, state.velocity, state.torque), stamp
         )
         self._write("/joint_commands", foxglove.joint_states(stamp, names, state.command), stamp)
+        if state.base is not None:
+            self._world = WORLD
+            self._write("/base", state.base, stamp)
         if not 0 < self._next_transforms - stamp <= TRANSFORM_PERIOD_NS:
             self._next_transforms = stamp + TRANSFORM_PERIOD_NS
             self._transforms(state, stamp)
@@ -200,18 +205,20 @@ class Recording:
             typer.echo(f"recorder: a cloud of {message.camera} is left out: {problem}", err=True)
             return
         stamp = self._clock.stamp_late(message.time_ns)  # a picture takes its time, many times as long in lock-step
-        self._write(f"/camera/{message.camera}", foxglove.point_cloud(stamp, WORLD, points), stamp)
+        self._write(f"/camera/{message.camera}", foxglove.point_cloud(stamp, self._world, points), stamp)
 
     def _transforms(self, state: RobotState, stamp: int) -> None:
         transforms = [
-            foxglove.transform(stamp, WORLD, instance.name, instance.pose_in_world)
+            foxglove.transform(stamp, self._world, instance.name, instance.pose_in_world)
             for instance in self._instances.values()
         ]
+        if state.base is not None:
+            transforms.append(foxglove.transform(stamp, WORLD, BASE, state.base_in_world))
         if self._links is not None:
-            poses, tips = self._links.poses(state.position)
-            transforms += [foxglove.transform(stamp, WORLD, name, pose) for name, pose in poses.items()]
+            poses, tips = self._links.poses(state.position, state.base_in_world)
+            transforms += [foxglove.transform(stamp, self._world, name, pose) for name, pose in poses.items()]
             for arm, pose in tips.items():
-                tip = foxglove.PoseInFrame(foxglove.time(stamp), WORLD, foxglove.pose_value(pose))
+                tip = foxglove.PoseInFrame(foxglove.time(stamp), self._world, foxglove.pose_value(pose))
                 self._write(f"/tool/{arm}", tip, stamp)
         if transforms:
             self._write("/tf", foxglove.FrameTransforms(transforms), stamp)
@@ -254,15 +261,17 @@ class Links:
         for arm in loaded.arms.values():
             self._frames[arm.tool] = self._kinematics.frame_id(arm.tool)
 
-    def poses(self, position: list[float]) -> tuple[dict[str, Pose], dict[str, Pose]]:
+    def poses(self, position: list[float], base_in_world: Pose) -> tuple[dict[str, Pose], dict[str, Pose]]:
         """(link → pose, arm → tip's pose), in the world; position (n,) rad in the description's order."""
         import pinocchio as pin
 
         kinematics = self._kinematics
         pin.framesForwardKinematics(kinematics.model, kinematics.data, kinematics.configuration(np.array(position)))
 
+        base = pin.XYZQUATToSE3(np.array([*base_in_world.position, *base_in_world.orientation]))
+
         def pose(index: int) -> Pose:
-            values = pin.SE3ToXYZQUAT(kinematics.data.oMf[index]).tolist()
+            values = pin.SE3ToXYZQUAT(base * kinematics.data.oMf[index]).tolist()
             return Pose(position=tuple(values[:3]), orientation=tuple(values[3:]))
 
         tips = {arm: pose(kinematics.frame_id(tip)) for arm, tip in self._tips.items()}

@@ -56,6 +56,7 @@ from daemon.exchange.records import (
 from daemon.exchange.reports import (
     action_event,
     active_controllers,
+    base,
     claimed_interfaces,
     explain,
     how_it_went,
@@ -97,6 +98,7 @@ __all__ = [
     "TrajectoryMotion",
     "action_event",
     "active_controllers",
+    "base",
     "claimed_interfaces",
     "decode",
     "encode_behaviour",

@@ -289,6 +289,7 @@ what `daemon.exchange.commands` says; of text, its bytes; of a behaviour, each s
 def snapshot_dtype(description: RobotDescription) -> np.dtype:
     """The record that the loop writes in every cycle, for one robot."""
     n, channels, devices = len(description.joints), len(description.channels), len(description.devices)
+    feet = len(description.feet)
     action = np.dtype(
         [
             ("serial", "u8"),  # of the START; 0: never used
@@ -340,6 +341,15 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("device_values", "f8", (devices, MEASURED)),  # hal.device's measured columns
             ("device_age", "i8", devices),  # cycles since the device's last valid frame
             ("device_measured_ns", "i8", devices),
+            # daemon.base_state.BaseState.memory
+            ("base_pose", "f8", 7),  # position m, quaternion x y z w, in the world
+            ("base_twist", "f8", 6),  # m/s, rad/s, the base's own axes
+            ("base_sigma", "f8", 2),  # m, rad
+            ("foot_force", "f8", (feet, 3)),  # N, world axes
+            ("base_since_ns", "i8"),  # robot's clock
+            ("base_source", "i8"),  # BaseSource
+            ("base_trouble", "i8"),  # Trouble
+            ("foot_contact", "i8", feet),  # 1: it holds
             # What each drive said of itself; NaN: not yet.
             ("protocol_version", "f8", n),
             ("firmware_version", "f8", n),

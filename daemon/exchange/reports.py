@@ -8,16 +8,17 @@ from typing import Literal
 
 import numpy as np
 
+from daemon.base_state import PROBLEMS, BaseSource, Trouble
 from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Flag, Outcome
-from handrail.messages import NOT_READY, ActionEvent, EndCondition, RobotState
+from handrail.messages import NOT_READY, ActionEvent, Base, EndCondition, Foot, Pose, RobotState
 from handrail.robot.description import RobotDescription
 
 _NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
 _NO_NAMES: Mapping[int, str] = MappingProxyType({})
 
 
-def robot_state(snapshot: np.ndarray) -> RobotState:
-    """The snapshot (shape ()) as the message that clients see."""
+def robot_state(snapshot: np.ndarray, feet: Sequence[str] = ()) -> RobotState:
+    """The snapshot (shape ()) as the message that clients see. `feet`: the description's, by name."""
     force = snapshot["external_force"]
     return RobotState(
         time_ns=int(snapshot["time_ns"]),
@@ -27,6 +28,27 @@ def robot_state(snapshot: np.ndarray) -> RobotState:
         torque=snapshot["torque"].tolist(),
         command=snapshot["command"][0].tolist(),
         external_force=(float(force[0]), float(force[1]), float(force[2])),
+        base=None if snapshot["base_source"] == BaseSource.FIXED else base(snapshot, feet),
+    )
+
+
+def base(snapshot: np.ndarray, feet: Sequence[str] = ()) -> Base:
+    """Where the robot's base is, and what its feet do."""
+    source, sigma = BaseSource(int(snapshot["base_source"])), snapshot["base_sigma"].tolist()
+    x, y, z, *orientation = snapshot["base_pose"].tolist()
+    twist = snapshot["base_twist"].tolist()
+    rows = zip(feet, snapshot["foot_contact"].tolist(), snapshot["foot_force"].tolist(), strict=True)
+    return Base(
+        time_ns=int(snapshot["time_ns"]),
+        pose_in_world=Pose(position=(x, y, z), orientation=tuple(orientation)),
+        linear_velocity=tuple(twist[:3]),
+        angular_velocity=tuple(twist[3:]),
+        position_deviation=sigma[0],
+        orientation_deviation=sigma[1],
+        source=source.name.lower(),  # type: ignore[arg-type]
+        problem=PROBLEMS[Trouble(int(snapshot["base_trouble"]))],
+        since_ns=int(snapshot["base_since_ns"]),
+        feet=[Foot(name=name, holds=bool(holds), force=tuple(force)) for name, holds, force in rows],
     )
 
 

@@ -129,6 +129,16 @@ Rectangle {
     }
     Column {
         anchors { top: views.bottom; left: parent.left; right: parent.right; margins: Theme.gap }
+        Text {
+            objectName: "baseUnknown"
+            width: parent.width
+            visible: text !== ""
+            text: stage.baseSource === "none" ? qsTr("Where the robot stands is not known: %1").arg(stage.baseProblem)
+                : stage.baseSource === "inertial" ? qsTr("No foot holds: where the robot is, is less and less known") : ""
+            color: Theme.warning
+            font.pixelSize: Theme.small
+            wrapMode: Text.Wrap
+        }
         Repeater {
             model: stage.problems
             Text {

@@ -28,7 +28,7 @@ class Frame:
 
 
 class Chain:
-    """The moving bodies of a robot. Body 0 is the base, fixed in the world; each other one moves with a joint of its own."""
+    """The moving bodies of a robot, seen from its base, which is body 0; each other one moves with a joint of its own."""
 
     def __init__(self, model: yourdfpy.URDF, joints: Sequence[str]):
         """`joints`: the order of the columns of all positions. Raises KeyError for a joint that the URDF does not move."""
@@ -78,7 +78,7 @@ class Chain:
         self._offsets = np.array([0.0] + [offset for _, _, offset in sources])
 
     def poses(self, positions: Array) -> Array:
-        """World poses (..., bodies, 4, 4) at `positions` (..., n), rad or m."""
+        """Poses (..., bodies, 4, 4) at `positions` (..., n), rad or m."""
         positions = np.asarray(positions, float)
         values = positions[..., self._columns] * self._factors + self._offsets
         motion = np.zeros((*values.shape, 4, 4))
@@ -95,7 +95,7 @@ class Chain:
         return world
 
     def positions(self, link: str, positions: Array) -> Array:
-        """World positions (k, 3), m, of a link's origin along `positions` (k, n)."""
+        """Positions (k, 3), m, of a link's origin along `positions` (k, n)."""
         frame = self.frames[link]
         poses = self.poses(positions)[:, frame.body]
         return poses[:, :3, :3] @ frame.pose_in_body[:3, 3] + poses[:, :3, 3]

@@ -35,6 +35,7 @@ _APART = 0.004  # m
 _TURNED = 0.02  # rad
 # A robot that holds still trembles by its sensors' noise: less than this (a tenth of a millimetre at the hand) is not drawn anew.
 _STILL = 1.5e-4  # rad
+_BASE_STILL = 2e-4  # m, and of its axes
 _POINT = 0.005  # m, as cameras thin their clouds out
 _MOST_POINTS = 15_000
 DIFFERS = "differs"
@@ -67,7 +68,8 @@ class Stage(QObject):
         self._drawn_instances: dict[str, InstanceState] = {}
         self._problems: dict[str, str] = {}
         self._drawn_pose: tuple[object, ...] = ()
-        self._drawn_position = np.zeros(0)
+        self._drawn_position, self._drawn_base = np.zeros(0), np.eye(4)
+        self._base_source, self._base_problem = "fixed", ""
         self._closed = threading.Event()
         self._drawn_trail: tuple[object, ...] = ()
         self._ghost_shown = self._ghost_stale = False
@@ -95,6 +97,10 @@ class Stage(QObject):
     focus = Property(QVector3D, _get("_focus"), notify=changed)
     """m, world: the first template instance, where the work is"""
 
+    baseSource = Property(str, _get("_base_source"), notify=changed)
+    """what tells where the robot's base is: handrail.messages.Base.source"""
+    baseProblem = Property(str, _get("_base_problem"), notify=changed)
+
     @Property(_LIST, notify=changed)
     def problems(self) -> list[dict[str, str]]:
         """Instances that are not drawn as the robot knows them: name and reason (`differs`: another version of the template)."""
@@ -114,13 +120,19 @@ class Stage(QObject):
         moved |= self._show_clouds(situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
-        plans = situation.plans
-        position = self._ordered(info.joints, state.position)
+        plans, told = situation.plans, state.base
+        source, problem = ("fixed", "") if told is None else (told.source, told.problem)
+        if (source, problem) != (self._base_source, self._base_problem):
+            self._base_source, self._base_problem = source, problem
+            self.changed.emit()
+            moved = True
+        position, base = self._ordered(info.joints, state.position), _matrix(state.base_in_world)
         pose = (self._robot, plans.shown, plans.time)
-        if pose == self._drawn_pose and np.abs(position - self._drawn_position).max() < _STILL:
+        still = np.abs(base - self._drawn_base).max() < _BASE_STILL
+        if pose == self._drawn_pose and still and np.abs(position - self._drawn_position).max() < _STILL:
             return moved
-        self._drawn_pose, self._drawn_position = pose, position
-        poses = self._robot.chain.poses(position)
+        self._drawn_pose, self._drawn_position, self._drawn_base = pose, position, base
+        poses = base @ self._robot.chain.poses(position)
         self._bodies.pose(poses)
         self._show_ghost(situation, position, poses)
         return True
@@ -207,7 +219,7 @@ class Stage(QObject):
             self._ghost.hide()
             self._draw_trail(None, ())
             return
-        ghost = robot.chain.poses(track.posture(robot.chain.joints, position, plans.time))
+        ghost = self._drawn_base @ robot.chain.poses(track.posture(robot.chain.joints, position, plans.time))
         moved = np.linalg.norm(ghost[:, :3, 3] - poses[:, :3, 3], axis=1) > _APART
         cosine = (np.einsum("bij,bij->b", ghost[:, :3, :3], poses[:, :3, :3]) - 1) / 2
         self._ghost.pose(ghost, moved | (np.arccos(np.clip(cosine, -1, 1)) > _TURNED))
@@ -229,7 +241,8 @@ class Stage(QObject):
             own = set(robot.arm_joints[arm]) & set(track.joints)
             others = {joint for other, joints in robot.arm_joints.items() if other != arm for joint in joints}
             if own - others:  # the torso moves both arms' tips; only the arm that the plan is for leaves a trail
-                lines.append(solids.tube(robot.chain.positions(tip, postures), _TRAIL_RADIUS, color))
+                along = robot.chain.positions(tip, postures) @ self._drawn_base[:3, :3].T + self._drawn_base[:3, 3]
+                lines.append(solids.tube(along, _TRAIL_RADIUS, color))
         self._trail.show(solids.merged(lines))
 
     # --------------------------------------------------------------------------------------------------------- clouds

@@ -243,6 +243,7 @@ def test_without_a_loop_nothing_is_enabled_no_drive_is_known_and_commands_are_re
     assert "loop" in rig.refusal(m.Enable()).message
     assert "loop" in rig.refusal(rig.action()).message
     assert "loop" in rig.refusal(m.GetTiming()).message
+    assert "loop" in rig.refusal(m.GetBase()).message
     assert {part.life for part in rig.call(m.GetHardware()).components} == {"unknown"}
 
 

@@ -19,11 +19,13 @@ from mcap.reader import make_reader
 from handrail import cloud, foxglove
 from handrail.messages import (
     ActionEvent,
+    Base,
     BusStatistics,
     DaemonEvent,
     DaemonStatus,
     DeviceStates,
     EngineEvent,
+    Foot,
     ImuState,
     InstanceState,
     LogLine,
@@ -94,6 +96,19 @@ def state(cycle: int) -> RobotState:
         velocity=[0.1],
         torque=[2.0],
         command=[0.02 * cycle],
+    )
+
+
+def _standing(pose: Pose) -> Base:
+    return Base(
+        time_ns=STEP_NS,
+        pose_in_world=pose,
+        linear_velocity=(0.0, 0.0, 0.0),
+        angular_velocity=(0.0, 0.0, 0.0),
+        position_deviation=0.001,
+        orientation_deviation=0.01,
+        source="feet",
+        feet=[Foot(name="left", holds=True, force=(1.0, 0.0, 450.0))],
     )
 
 
@@ -206,6 +221,25 @@ class TestARecording:
         assert (wheel["parent_frame_id"], wheel["child_frame_id"]) == ("base_link", "wheel_1")
         assert wheel["translation"] == {"x": 0.55, "y": -0.35, "z": 0.3}
 
+    def test_has_a_free_base_and_what_its_feet_feel_and_puts_the_links_there(self):
+        pose = Pose(position=(0.1, 0.0, -0.5), orientation=(0.0, 0.0, 1.0, 0.0))
+        eighteen = dict.fromkeys(("position", "velocity", "torque", "command"), [0.0] * 18)
+        robot = msgspec.structs.replace(ROBOT, joints=[f"j{number}" for number in range(18)])
+        standing = msgspec.structs.replace(state(30), base=_standing(pose), **eighteen)
+        _, rows = recorded([INSTANCE, standing], links=Links("talos_upper"), robot=robot)
+        schema, data = next((schema, data) for schema, channel, _, data in rows if channel.topic == "/base")
+        _fits(data, json.loads(schema.data), schema.name)
+        assert data["source"] == "feet"
+        assert data["feet"] == [{"name": "left", "holds": True, "force": [1.0, 0.0, 450.0]}]
+        transforms = [data["transforms"] for _, channel, _, data in rows if channel.topic == "/tf"][-1]
+        assert {transform["parent_frame_id"] for transform in transforms} == {"world"}
+        base, tip = (next(t for t in transforms if t["child_frame_id"] == name) for name in ("base_link", "tool_right"))
+        assert base["translation"] == {"x": 0.1, "y": 0.0, "z": -0.5}
+        straight = Links("talos_upper").poses([0.0] * 18, Pose())[0]["tool_right"].position
+        assert [tip["translation"][axis] for axis in "xyz"] == pytest.approx(
+            [0.1 - straight[0], -straight[1], straight[2] - 0.5]
+        )
+
     def test_has_what_a_camera_sees_at_the_time_it_was_seen_however_late_it_comes(self):
         seen = cloud.pack("head", 5 * STEP_NS, np.eye(3), np.full((3, 3), 200, np.uint8), (0.0, 0.0, 0.0))
         _, rows = recorded([state(5), state(500), seen, state(501)])
@@ -233,14 +267,14 @@ class TestARecording:
 
 def test_links_are_where_the_kinematics_says():
     links = Links("talos_upper")
-    poses, tips = links.poses([0.0] * 18)
+    poses, tips = links.poses([0.0] * 18, Pose())
     assert {"torso_2_link", "arm_right_7_link", "tool_right", "head_2_link"} <= poses.keys()
     assert set(tips) == {"right", "left"}
     right, left = tips["right"].position, tips["left"].position
     assert right == pytest.approx((left[0], -left[1], left[2]), abs=1e-6)
     bent = [0.0] * 18
     bent[3] = -1.0
-    assert links.poses(bent)[1]["right"].position != pytest.approx(right, abs=1e-3)
+    assert links.poses(bent, Pose())[1]["right"].position != pytest.approx(right, abs=1e-3)
 
 
 class TestTheFilesClock:

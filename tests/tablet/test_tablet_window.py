@@ -293,6 +293,33 @@ def test_the_robots_links_move_when_its_state_changes(robot, show):
     assert shown.node("link_arm_left_4_link") == pytest.approx(expected, abs=1e-4)
 
 
+def test_a_robot_whose_base_is_free_is_drawn_where_it_is_estimated_and_what_is_not_known_is_said(robot, show):
+    import msgspec
+
+    from handrail.messages import Base, Pose
+
+    shown = show().drawn()
+    base = Base(
+        time_ns=robot.time_ns,
+        pose_in_world=Pose(position=(0.4, -0.2, 0.1), orientation=(0.0, 0.0, 1.0, 0.0)),
+        linear_velocity=(0.0, 0.0, 0.0),
+        angular_velocity=(0.0, 0.0, 0.0),
+        position_deviation=0.001,
+        orientation_deviation=0.01,
+        source="feet",
+    )
+    robot.publish(msgspec.structs.replace(robot.state(), base=base))
+    chain = shown.opened.stage._robot.chain
+    link = chain.poses(robot.description.home_position())[chain.bodies.index("arm_left_4_link")][:3, 3]
+    expected = (0.4 - link[0], -0.2 - link[1], 0.1 + link[2])
+    shown.until(lambda: distance(shown.node("link_arm_left_4_link"), expected) < 1e-3)
+    assert not shown.item("baseUnknown").isVisible()
+    lost = msgspec.structs.replace(base, source="none", problem="the inertial sensor does not answer")
+    robot.publish(msgspec.structs.replace(robot.state(), base=lost))
+    shown.until(lambda: shown.item("baseUnknown").isVisible())
+    assert "the inertial sensor does not answer" in shown.item("baseUnknown").property("text")
+
+
 def test_a_ghost_appears_with_a_plan_moves_and_goes_with_the_motion(robot, show):
     from handrail.messages import ActionEvent
 

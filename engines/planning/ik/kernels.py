@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 POINT, COM, TURN, ANGLE, ALIGN, CONE, GAZE, DISTANCE, EDGE, POSTURE, PAIR = range(11)
-"""Kinds of items. TURN has three rows, ALIGN two, all others one."""
+"""Kinds of items. TURN has three rows, ALIGN two; ANGLE, CONE and GAZE have SIDES, all others one."""
+SIDES = 6
+"""rows of a bound on an angle: sides of a polygon about the cone, of a cube about the ball, the first where the angle itself is"""
 
 _POINT, _TURN, _COM = range(3)
 """kinds of terms of a derivative"""
@@ -108,7 +110,11 @@ def rows(
     pose_a, pose_b = np.empty(12), np.empty(12)
     n, p, q, log = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     e = np.empty((3, 3))
-    terms, where = np.empty((6, 6)), np.empty((6, 3), np.int64)  # [n, point], [row, joint, what]
+    terms, where, basis = (
+        np.empty((3 * SIDES, 6)),
+        np.empty((3 * SIDES, 3), np.int64),
+        np.empty((3, 3)),
+    )  # [n, point], [row, joint, what]
     for item in range(integers.shape[0]):
         kind, ja, jb, r = integers[item, KIND], integers[item, JOINT_A], integers[item, JOINT_B], integers[item, ROW]
         x = numbers[item]
@@ -153,18 +159,22 @@ def rows(
                         total += pose_b[3 * a + k] * pose_a[3 * b + k]
                     e[a, b] = total
             angle = _log(e, log)
-            # Inverse of the right Jacobian: I + [log]/2 + bend [log]², [log]² = log logᵀ − angle² I. Of the angle alone: its axis.
+            # Rows of the inverse of the right Jacobian: I + [log]/2 + bend [log]², [log]² = log logᵀ − angle² I.
             bend = 1.0 / 12.0
             if angle > 1e-4:
                 bend = 1.0 / angle**2 - 1.0 / (2.0 * angle * np.tan(angle / 2.0))
-            for i in range(3 if kind == TURN else 1):
+            if kind == ANGLE:
+                _basis(log, basis)
+            for i in range(3 if kind == TURN else SIDES):
                 for j in range(3):
-                    p[j] = bend * log[i] * log[j] if kind == TURN else log[j] / max(angle, 1e-12)
-                if kind == TURN:
-                    p[i] += 1.0 - bend * angle**2
-                    p[(i + 1) % 3] -= 0.5 * log[(i + 2) % 3]
-                    p[(i + 2) % 3] += 0.5 * log[(i + 1) % 3]
-                value[r + i] = log[i] if kind == TURN else angle
+                    q[j] = (1.0 if i == j else 0.0) if kind == TURN else _side(basis, i, j)
+                along = q[0] * log[0] + q[1] * log[1] + q[2] * log[2]
+                for j in range(3):
+                    k, m = (j + 1) % 3, (j + 2) % 3
+                    p[j] = (
+                        q[j] * (1.0 - bend * angle**2) + bend * along * log[j] + 0.5 * (q[k] * log[m] - q[m] * log[k])
+                    )
+                value[r + i] = along
                 _rotate(pose_a, p, 0, n)
                 for a in range(3):
                     terms[count, a], terms[count + 1, a] = n[a], -n[a]
@@ -185,41 +195,42 @@ def rows(
             else:
                 _rotate(pose_b, x, OTHER, q)
             angle = _cone(p, q, n)
+            # w = angle · n lies across q. Its coordinates on directions across q, which go with it: two of frame B's where w is to
+            # be 0; where it is to be no longer than the cone is wide, its own and others around, so that a step that turns
+            # it knows the cone's other sides.
             if kind == ALIGN:
-                # w = angle · n lies across q. Its two coordinates on a basis across q, which goes with frame B.
                 _across(pose_b, x, e)
-                sine, cosine = np.sin(angle), np.cos(angle)
-                stretch = 1.0 if sine < 1e-6 else angle / sine
-                for i in range(2):
-                    along, dot = 0.0, 0.0
-                    for a in range(3):
-                        along += e[i, a] * n[a]
-                        dot += e[i, a] * p[a]
-                    value[r + i] = angle * along
-                    # The sine's part: δ(a × d) = (ω × a) × d = a (ω·d) − ω (a·d); and how the stretch changes.
-                    change = 0.0 if sine < 1e-6 else (1.0 - stretch * cosine) * along
-                    for a in range(3):
-                        terms[count, a] = stretch * (dot * q[a] - cosine * e[i, a]) - change * n[a]
-                        terms[count + 1, a] = -terms[count, a]
-                    where[count, 0], where[count, 1], where[count, 2] = r + i, ja, _TURN
-                    where[count + 1, 0], where[count + 1, 1], where[count + 1, 2] = r + i, jb, _TURN
-                    count += 2
-            else:
-                value[r] = angle
+            sine, cosine = np.sin(angle), np.cos(angle)
+            stretch = 1.0 if sine < 1e-6 else angle / sine
+            for i in range(2 if kind == ALIGN else SIDES):
+                along, dot = 0.0, 0.0
                 for a in range(3):
-                    terms[0, a], terms[1, a] = -n[a], n[a]
-                where[0, 0], where[0, 1], where[0, 2] = r, ja, _TURN
-                where[1, 0], where[1, 1], where[1, 2] = r, jb, _TURN
-                count = 2
-                if kind == GAZE:  # the direction turns as target and origin move across it: n · (q × v) / distance
+                    if kind == ALIGN:
+                        log[a] = e[i, a]
+                    else:
+                        k, m = (a + 1) % 3, (a + 2) % 3
+                        turn = 2.0 * np.pi * i / SIDES
+                        log[a] = np.cos(turn) * n[a] + np.sin(turn) * (q[k] * n[m] - q[m] * n[k])
+                    along += log[a] * n[a]
+                    dot += log[a] * p[a]
+                value[r + i] = angle * along
+                # The sine's part: δ(a × d) = (ω × a) × d = a (ω·d) − ω (a·d); and how the stretch changes.
+                change = 0.0 if sine < 1e-6 else (1.0 - stretch * cosine) * along
+                for a in range(3):
+                    terms[count, a] = stretch * (dot * q[a] - cosine * log[a]) - change * n[a]
+                    terms[count + 1, a] = -terms[count, a]
+                where[count, 0], where[count, 1], where[count, 2] = r + i, ja, _TURN
+                where[count + 1, 0], where[count + 1, 1], where[count + 1, 2] = r + i, jb, _TURN
+                count += 2
+                if kind == GAZE:  # the direction turns as target and origin move across it: t · (q × v) = v · (t × q)
                     for a in range(3):
-                        i, j = (a + 1) % 3, (a + 2) % 3
-                        terms[1, a] = (n[i] * q[j] - n[j] * q[i]) / distance
-                        terms[2, a] = -terms[1, a]
-                        terms[1, 3 + a], terms[2, 3 + a] = pose_b[9 + a], pose_a[9 + a]
-                    where[1, 2] = _POINT
-                    where[2, 0], where[2, 1], where[2, 2] = r, ja, _POINT
-                    count = 3
+                        k, m = (a + 1) % 3, (a + 2) % 3
+                        terms[count, a] = (terms[count - 2, k] * q[m] - terms[count - 2, m] * q[k]) / distance
+                        terms[count - 1, a] = -terms[count, a]
+                        terms[count - 1, 3 + a], terms[count, 3 + a] = pose_b[9 + a], pose_a[9 + a]
+                    where[count - 1, 2] = _POINT
+                    where[count, 0], where[count, 1], where[count, 2] = r + i, ja, _POINT
+                    count += 1
         elif kind == DISTANCE:
             total = 0.0
             for a in range(3):
@@ -279,23 +290,40 @@ def rows(
 
 
 @njit(error_model="numpy")
+def _basis(log: Array, basis: Array) -> None:
+    """Rows: the direction of a vector, and two across it."""
+    length = np.sqrt(log[0] ** 2 + log[1] ** 2 + log[2] ** 2)
+    for a in range(3):
+        basis[0, a] = log[a] / length if length > 1e-12 else (1.0 if a == 0 else 0.0)
+        basis[1, a] = 0.0
+    d0, d1, d2 = basis[0, 0], basis[0, 1], basis[0, 2]
+    if abs(d0) <= abs(d1) and abs(d0) <= abs(d2):
+        basis[1, 1], basis[1, 2] = -d2, d1
+    elif abs(d1) <= abs(d2):
+        basis[1, 0], basis[1, 2] = d2, -d0
+    else:
+        basis[1, 0], basis[1, 1] = -d1, d0
+    across = np.sqrt(basis[1, 0] ** 2 + basis[1, 1] ** 2 + basis[1, 2] ** 2)
+    for a in range(3):
+        basis[1, a] /= across
+    for a in range(3):
+        k, m = (a + 1) % 3, (a + 2) % 3
+        basis[2, a] = basis[0, k] * basis[1, m] - basis[0, m] * basis[1, k]
+
+
+@njit(error_model="numpy")
+def _side(basis: Array, side: int, axis: int) -> float:
+    """A coordinate of the side's normal: the basis' vectors, then those the other way."""
+    return basis[side, axis] if side < 3 else -basis[side - 3, axis]
+
+
+@njit(error_model="numpy")
 def _across(pose_b: Array, x: Array, e: Array) -> None:
     """Two unit vectors across the direction OTHER of frame B, in the world: rows 0 and 1 of e. They go with B."""
-    d0, d1, d2 = x[OTHER], x[OTHER + 1], x[OTHER + 2]
-    u = np.zeros(6)  # two vectors in B: one across the direction and its smallest axis, and what is across both
-    if abs(d0) <= abs(d1) and abs(d0) <= abs(d2):
-        u[1], u[2] = -d2, d1
-    elif abs(d1) <= abs(d2):
-        u[0], u[2] = d2, -d0
-    else:
-        u[0], u[1] = -d1, d0
-    length = np.sqrt(u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
-    for a in range(3):
-        u[a] /= length
-    u[3], u[4], u[5] = d1 * u[2] - d2 * u[1], d2 * u[0] - d0 * u[2], d0 * u[1] - d1 * u[0]
+    basis = np.empty((3, 3))
+    _basis(x[OTHER : OTHER + 3], basis)
     for i in range(2):
-        for a in range(3):
-            e[i, a] = pose_b[a] * u[3 * i] + pose_b[3 + a] * u[3 * i + 1] + pose_b[6 + a] * u[3 * i + 2]
+        _rotate(pose_b, basis[i + 1], 0, e[i])
 
 
 @compiled(error_model="numpy")

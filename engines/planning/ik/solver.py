@@ -7,7 +7,7 @@ draws other starts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import Checker
 from engines.planning.ik.constraints import Constraint
-from engines.planning.ik.descent import Descent, Ending, Settings, Workspace
 from engines.planning.ik.goals import goals_inside
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.nearness import Bodies, Nearness
+from engines.planning.ik.posture import PostureProblem
 from engines.planning.ik.relaxation import granted, stages
 from engines.planning.ik.report import Answer
+from engines.planning.ik.rows import Rows, Workspace
 from engines.planning.ik.scene import Scene
+from engines.planning.ik.sqp import Ending, Settings, descend
 from engines.planning.ik.table import Table, table_of
 
 Array = NDArray[np.float64]
@@ -45,7 +47,7 @@ class Solver:
         self.mechanism = mechanism
         self._settings = settings or Settings()
         self._workspace = Workspace(mechanism)
-        self._checker = Checker(mechanism)
+        self.checker = Checker(mechanism)
         self._bodies: WeakKeyDictionary[Scene, dict[tuple[str, ...], Bodies]] = WeakKeyDictionary()
 
     def solve(
@@ -71,14 +73,13 @@ class Solver:
             start = mechanism.within_limits(mechanism.check_configuration("start", start))
         if starts < 1:
             raise ValueError(f"starts: got {starts}; expected 1 or more")
-        columns = self._columns(moving, base_moves)
-        cost = self._cost(weights)
+        columns = self.columns(moving, base_moves)
+        cost = self.cost(weights)
         first = nominal if start is None else start
         table = table_of(mechanism, constraints, first)
-        near = [(number, self._nearness(constraint)) for number, constraint in table.bodies]
-        descent = Descent(self._workspace, table, near, nominal, cost, columns, self._settings)
+        problem = self._problem(table, nominal, cost, columns)
         first = self._within(first, table, columns)
-        best, answer = self._search(descent, constraints, table, columns, first, starts, seed)
+        best, answer = self._search(problem, constraints, table, columns, first, starts, seed)
         if answer.feasible:
             return answer
         if relax:
@@ -87,17 +88,32 @@ class Solver:
             return answer
         return replace(answer, violations=(*goals_inside(constraints), *answer.violations))
 
+    def _problem(
+        self, table: Table, nominal: Array, cost: Array, columns: Integers, soft: Collection[int] = ()
+    ) -> PostureProblem:
+        """Its table's rows weighted for the constraints that are `soft`."""
+        rows = self.rows(table, columns, soft)
+        return PostureProblem(self._workspace, rows, table, nominal, cost, columns)
+
+    def rows(self, table: Table, columns: Integers, soft: Collection[int] = ()) -> Rows:
+        """The rows of a table, those of `soft` constraints with less weight."""
+        weights = [_SOFTENED if number in soft else 1.0 for number, _ in table.bodies]
+        near = [self._nearness(c, weight) for (_, c), weight in zip(table.bodies, weights, strict=True)]
+        if soft:
+            table.weight *= np.array([_SOFTENED if part.owner in soft else 1.0 for part in table.parts])
+        return Rows(self._workspace, table, near, columns)
+
     def _search(
-        self, descent: Descent, constraints: Sequence[Constraint], table: Table, columns: Integers, first: Array, starts: int,
-        seed: int,
+        self, problem: PostureProblem, constraints: Sequence[Constraint], table: Table, columns: Integers, first: Array,
+        starts: int, seed: int,
     ) -> tuple[Ending, Answer]:  # fmt: skip
         iterations, best, answer = 0, None, None
         for number, begin in enumerate(self._starts(first, table, columns, starts, seed), 1):
-            ending = descent.run(begin)
+            ending = descend(problem, begin, self._settings)
             iterations += ending.iterations
             if ending.kept or best is None or ending.violation < best.violation:
-                q = self._within(ending.q, table, columns)  # a step to a limit ends a rounding error beyond it
-                violations = self._checker.violations(constraints, q)
+                q = self._within(ending.point, table, columns)  # a step to a limit ends a rounding error beyond it
+                violations = self.checker.violations(constraints, q)
                 answer = Answer(q, ending.cost, violations, (), iterations, number)
                 best = ending
                 if not violations:
@@ -117,20 +133,17 @@ class Solver:
         """Ever more priorities made soft, from where the search ended; then what they gave is granted, and the cost made least."""
         iterations = answer.iterations
         for soft in stages(constraints):
-            table = table_of(self.mechanism, constraints, best.q)
-            table.weight *= np.array([_SOFTENED if part.owner in soft else 1.0 for part in table.parts])
-            near = [(number, self._nearness(constraint)) for number, constraint in table.bodies]
+            table = table_of(self.mechanism, constraints, best.point)
             patient = replace(self._settings, patience=12)
-            ending = Descent(self._workspace, table, near, nominal, cost, columns, patient).run(best.q)
-            loosened = granted(constraints, soft, lambda c, q=ending.q: self._checker.measures([c], q))  # type: ignore[misc]
-            table = table_of(self.mechanism, loosened, ending.q)
-            near = [(number, self._nearness(constraint)) for number, constraint in table.bodies]
-            final = Descent(self._workspace, table, near, nominal, cost, columns, self._settings).run(ending.q)
+            ending = descend(self._problem(table, nominal, cost, columns, soft), best.point, patient)
+            loosened = granted(constraints, soft, lambda c, q=ending.point: self.checker.measures([c], q))  # type: ignore[misc]
+            table = table_of(self.mechanism, loosened, ending.point)
+            final = descend(self._problem(table, nominal, cost, columns), ending.point, self._settings)
             iterations += ending.iterations + final.iterations
-            q = self._within(final.q, table, columns)
-            violations = self._checker.violations([c for n, c in enumerate(constraints) if n not in soft], q)
+            q = self._within(final.point, table, columns)
+            violations = self.checker.violations([c for n, c in enumerate(constraints) if n not in soft], q)
             if not violations:
-                given = self._checker.violations([constraints[number] for number in sorted(soft)], q)
+                given = self.checker.violations([constraints[number] for number in sorted(soft)], q)
                 return Answer(q, final.cost, (), given, iterations, answer.starts)
         return replace(answer, iterations=iterations)
 
@@ -158,7 +171,8 @@ class Solver:
         q[rows] = np.minimum(np.maximum(q[rows], table.low[moved]), table.high[moved])
         return q
 
-    def _columns(self, moving: Sequence[str] | None, base_moves: bool) -> Integers:
+    def columns(self, moving: Sequence[str] | None, base_moves: bool) -> Integers:
+        """The velocities that move. Raises ValueError when none does."""
         mechanism = self.mechanism
         base = list(range(mechanism.base)) if base_moves else []
         if moving is None:
@@ -169,7 +183,8 @@ class Solver:
             raise ValueError(f"moving: got {moving}; expected a joint, or a base, that moves")
         return np.array(rows, np.int64)
 
-    def _cost(self, weights: Mapping[str, float] | None) -> Array:
+    def cost(self, weights: Mapping[str, float] | None) -> Array:
+        """(nv,) weights of squared distances. Raises ValueError."""
         cost = np.ones(self.mechanism.nv)
         cost[: self.mechanism.base] = _BASE_WEIGHT
         for joint, weight in (weights or {}).items():
@@ -178,13 +193,13 @@ class Solver:
             cost[_named("weights", self.mechanism, joint)] = weight
         return cost
 
-    def _nearness(self, constraint: kinds.Clearance | kinds.BodyDistance) -> Nearness:
+    def _nearness(self, constraint: kinds.Clearance | kinds.BodyDistance, weight: float) -> Nearness:
         """Of a scene that was asked about before it is kept: making one copies its geometry."""
         links = () if isinstance(constraint, kinds.Clearance) else (constraint.link, constraint.other)
         kept = self._bodies.setdefault(constraint.scene, {})
         if links not in kept:
             kept[links] = Bodies(self.mechanism, self._workspace.data, constraint.scene, *links)
-        return kept[links].within(constraint)
+        return kept[links].within(constraint, weight)
 
 
 def _named(field: str, mechanism: Mechanism, joint: str) -> int:

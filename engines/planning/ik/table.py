@@ -190,7 +190,7 @@ class _Builder:
         if c.angle == 0.0:
             self._item(kernels.TURN, a, b, [0.0] * 3, [0.0] * 3, "rad")
         elif c.angle < np.pi:
-            self._item(kernels.ANGLE, a, b, [-np.inf], [c.angle], "rad")
+            self._item(kernels.ANGLE, a, b, [-np.inf] * kernels.SIDES, [c.angle] * kernels.SIDES, "rad")
 
     def _direction(self, c: kinds.Direction) -> None:
         a, b = self._on(c.frame), self._on(c.in_frame)
@@ -198,12 +198,12 @@ class _Builder:
         if c.cone == 0.0:
             self._item(kernels.ALIGN, a, b, [0.0] * 2, [0.0] * 2, "rad", axis, direction)
         elif c.cone < np.pi:
-            self._item(kernels.CONE, a, b, [-np.inf], [c.cone], "rad", axis, direction)
+            self._item(kernels.CONE, a, b, [-np.inf] * kernels.SIDES, [c.cone] * kernels.SIDES, "rad", axis, direction)
 
     def _gaze(self, c: kinds.Gaze) -> None:
         a, b = self._on(c.frame, None, c.origin), self._on(c.in_frame, None, c.target)
         if c.cone < np.pi:
-            self._item(kernels.GAZE, a, b, [-np.inf], [c.cone], "rad", _unit(c.axis))
+            self._item(kernels.GAZE, a, b, [-np.inf] * kernels.SIDES, [c.cone] * kernels.SIDES, "rad", _unit(c.axis))
 
     def _distance(self, c: kinds.PointDistance) -> None:
         a, b = self._on(c.frame, None, c.point), self._on(c.other, None, c.other_point)

@@ -38,6 +38,7 @@ _REASONS = {
     "drive_fault": "a drive failed",
     "diverged": "the robot left its command",
     "stale_state": "a joint was not measured for too long",
+    "too_close": "the guard stopped it before bodies met, or a region (handrail safety explain)",
     "cancelled": "it was cancelled",
 }
 _LISTEN_S = 0.5

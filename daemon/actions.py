@@ -7,8 +7,10 @@ before the controllers run: a guard that trips in a cycle takes the joints to `h
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon.behaviours import Chain, frame_of
 from daemon.controllers.base import Controller, MotionController
@@ -22,6 +24,7 @@ from daemon.exchange import (
     MotionCommand,
     Outcome,
     Rule,
+    StepCommand,
     StreamedReference,
     TrajectoryMotion,
 )
@@ -78,11 +81,18 @@ class Refusal:
     value: float = 0.0
 
 
+class Grippers(Protocol):
+    """What steps of behaviours send off (daemon.devices.Devices)."""
+
+    def refusal(self, row: int, values: NDArray[np.float64]) -> Refusal | None: ...
+    def order(self, row: int, values: NDArray[np.float64]) -> Refusal | None: ...
+
+
 class ActionTable:
     """The actions of one robot: up to `SLOTS` at a time, each on joints of its own."""
 
-    def __init__(self, manager: ControllerManager, robot: RobotState):
-        self._manager, self._robot = manager, robot
+    def __init__(self, manager: ControllerManager, robot: RobotState, grippers: Grippers):
+        self._manager, self._robot, self._grippers = manager, robot, grippers
         self.slots: list[Action | None] = [None] * SLOTS
         self.cycle = 0
         self._running: tuple[Action, ...] = ()
@@ -114,7 +124,8 @@ class ActionTable:
             claimed = np.isin(motion.joints, other.controller.joints)
             if claimed.any():
                 return Refusal(Answer.CLAIMED, int(motion.joints[int(np.argmax(claimed))]))
-        if refusal := _starts_elsewhere(motion, last):
+        first = command.steps[0] if command.steps else None
+        if refusal := _starts_elsewhere(motion, last) or self._gripper_refuses(first):
             return refusal
         controller = for_motion(motion, self._manager.gains, self._robot.period)
         slot = self._free_slot()
@@ -139,6 +150,7 @@ class ActionTable:
             frames=tuple(dict.fromkeys(frame for frame in frames if frame)),
             chain=Chain(command.steps, command.most_steps) if command.steps else None,
         )
+        self._send_gripper(first)
         self._look_who_runs()
         return None
 
@@ -255,6 +267,8 @@ class ActionTable:
             return False
         step = chain.steps[number]
         refusal = _starts_elsewhere(step.motion, last)
+        if refusal is None and (refusal := self._gripper_refuses(step)) is not None:
+            action.detail = "its gripper does not answer"
         if refusal is None:
             controller = for_motion(step.motion, self._manager.gains, self._robot.period)
             if action.controller.clock.held:  # whoever paused it has paused what follows, too
@@ -264,12 +278,23 @@ class ActionTable:
             except (ClaimError, ActivationError) as error:
                 refusal = Refusal(Answer.CLAIMED, error.joint if isinstance(error, ClaimError) else -1)
         if refusal is not None:
-            action.outcome, action.joint, action.value = Outcome.STEP_REFUSED, refusal.joint, refusal.value
+            joint = -1 if action.detail else refusal.joint  # a gripper's row is none of the joints'
+            action.outcome, action.joint, action.value = Outcome.STEP_REFUSED, joint, refusal.value
             return False
+        self._send_gripper(step)
         action.controller, action.ends, action.running, action.places = controller, step.ends, 0.0, {}
         action.cycle = self.cycle
         chain.go(number)
         return True
+
+    def _gripper_refuses(self, step: StepCommand | None) -> Refusal | None:
+        if step is None or step.order is None or step.gripper < 0:
+            return None
+        return self._grippers.refusal(step.gripper, step.order)
+
+    def _send_gripper(self, step: StepCommand | None) -> None:
+        if step is not None and step.order is not None and step.gripper >= 0:
+            self._grippers.order(step.gripper, step.order)
 
     def _end(self, action: Action, last: JointCommand) -> None:
         self._note_end(action)

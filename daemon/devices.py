@@ -52,14 +52,20 @@ class Devices:
             elif self._enabled and not values[row, _ENABLE]:
                 self._hold(row)
 
-    def order(self, row: int, values: NDArray[np.float64]) -> Refusal | None:
-        """Let a gripper follow its columns from now on; whoever asks has seen to its limits."""
+    def refusal(self, row: int, values: NDArray[np.float64]) -> Refusal | None:
+        """Why a gripper may not be ordered to follow these columns; None: it may."""
         if row not in self._limits or not np.isfinite(values).all():
             return Refusal(Answer.MALFORMED)
         if not self._enabled:
             return Refusal(Answer.NOT_ENABLED)
         if self._state.age[row] > LOST_AFTER:
             return Refusal(Answer.DEVICE_SILENT, row)
+        return None
+
+    def order(self, row: int, values: NDArray[np.float64]) -> Refusal | None:
+        """Let a gripper follow its columns from now on; whoever asks has seen to its limits."""
+        if (refusal := self.refusal(row, values)) is not None:
+            return refusal
         lower, upper, speed, effort = self._limits[row]
         position, velocity, force = values[_POSITION], values[_VELOCITY], values[_EFFORT]
         command = self._command.values[row]

@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from daemon.robot_state import RobotState
 from daemon.safety.rules import Followed
+from hal.hardware import LOST_AFTER
 from handrail.messages import (
     ContactEnd,
     DivergenceEnd,
     EndCondition,
     ForceEnd,
+    GripperAtEnd,
+    GripperHoldsEnd,
     JointLimitEnd,
     PoseErrorEnd,
     StallEnd,
@@ -28,6 +31,10 @@ from handrail.messages import (
 )
 
 Array = NDArray[np.float64]
+
+ORDER_S = 0.05
+"""for which a gripper has had an order that came with the motion, before it counts that it holds something: what it told of an
+order before is over then"""
 
 
 class Trip(NamedTuple):
@@ -106,6 +113,14 @@ def first_met(
                     places[number] = Place(here, running)
                 elif running - last.since >= end.within:
                     value = moved
+            case GripperHoldsEnd():
+                hand = robot.hand(end.gripper)
+                if hand is not None and hand.holds and running - hand.age * robot.period >= ORDER_S:
+                    value = hand.position
+            case GripperAtEnd():
+                hand = robot.hand(end.gripper)
+                if hand is not None and hand.age <= LOST_AFTER and abs(hand.position - end.position) <= end.tolerance:
+                    value = hand.position
         if value is not None:
             return Trip(number, value, joint)
     return None

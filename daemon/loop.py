@@ -86,8 +86,8 @@ class Loop:
         self.manager = ControllerManager(self.robot, gains)
         self.workshop = inputs.workshop(kinematics, gains, hardware.state, period, roster_file(runtime))
         self.controllers = ControllerTable(self.manager, self.workshop)
-        self.actions = ActionTable(self.manager, self.robot)
         self.devices = Devices(description, hardware.devices, hardware.device_command)
+        self.actions = ActionTable(self.manager, self.robot, self.devices)
         self.life = Life(hardware, self.manager, self.actions, self.devices, description)
         self.holds = TimeHolds(lockstep)
         self.last_word = LastWord(self.manager, self.robot, self.life.ledger, hardware.largest_command())
@@ -95,10 +95,10 @@ class Loop:
 
         self.stop_socket, hardware.waits_on = inputs.stops, inputs.waits_on
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), PacedBell(server_doorbell(runtime.folder))
-        frames = exchange.frame_names(description)
+        frames, device_names = exchange.frame_names(description), [device.name for device in description.devices]
         maker = inputs.maker(kinematics, gains, period, lockstep)
         served = (self.life, self.actions, self.controllers, self.devices, self.holds, maker)
-        self.orders = Orders(inputs.mailbox, frames, *served)
+        self.orders = Orders(inputs.mailbox, frames, device_names, *served)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         who = (self.manager, self.life, self.actions, self.controllers, self.orders)
         self.snapshot = SnapshotWriter(ring, hardware, self.robot, *who)

@@ -22,6 +22,7 @@ class Orders:
         self,
         mailbox: CommandReader,
         frames: Sequence[str],
+        device_names: Sequence[str],
         life: Life,
         actions: ActionTable,
         controllers: ControllerTable,
@@ -29,7 +30,7 @@ class Orders:
         holds: TimeHolds,
         maker: MotionMaker,
     ):
-        self._mailbox, self._frames = mailbox, frames
+        self._mailbox, self._frames, self._device_names = mailbox, frames, device_names
         self._life, self._actions, self._devices, self._holds = life, actions, devices, holds
         self._controllers, self._maker = controllers, maker
         self.answered = 0
@@ -43,7 +44,7 @@ class Orders:
             return False
         self.answered = int(mail[0].reshape(())["serial"])
         try:
-            command = decode(*mail, self._frames)
+            command = decode(*mail, self._frames, self._device_names)
         except (ValueError, IndexError):
             # The server encodes what it has checked; whatever else lies here is not obeyed, not even in part.
             refusal: Refusal | None = Refusal(Answer.MALFORMED)

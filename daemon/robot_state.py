@@ -28,6 +28,17 @@ class FramePose(NamedTuple):
     """(3,) m"""
 
 
+class Hand(NamedTuple):
+    """A gripper as its drive told last."""
+
+    position: float
+    """rad or m"""
+    holds: bool
+    """it stands still at its effort limit, short of where it was sent"""
+    age: int
+    """cycles since it told"""
+
+
 class RobotState:
     """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
 
@@ -41,6 +52,12 @@ class RobotState:
         self.kinematics = kinematics
         self.joints = joints
         self.period = period
+        self._devices = devices
+        self._grippers = {
+            device.name: row
+            for row, device in enumerate(kinematics.description.devices)
+            if device.family == "gripper" and devices is not None
+        }
         self.gravity = np.zeros(len(joints))
         """N·m (n,), at the measured position"""
         self._outside = ExternalWrenches(kinematics, joints, period, devices)
@@ -84,6 +101,14 @@ class RobotState:
         """A frame where the joints are commanded to bring it."""
         pose = pin.updateFramePlacement(self._model, self._commanded_pass(), self.kinematics.frame_id(name))
         return FramePose(pose.rotation.copy(), pose.translation.copy())
+
+    def hand(self, name: str) -> Hand | None:
+        """A gripper as measured; None where there is none of that name."""
+        row = self._grippers.get(name)
+        if self._devices is None or row is None:
+            return None
+        position, holding = self._devices.values[row, [0, 5]].tolist()
+        return Hand(position, holding > 0.5, int(self._devices.age[row]))
 
     def lag(self, name: str) -> Array:
         """(3,) m: a frame's commanded minus its measured position."""

@@ -76,6 +76,7 @@ class Server:
         frames = exchange.frame_names(description)
         self._frames = {frame: index for index, frame in enumerate(frames)}
         self._joints = {joint: index for index, joint in enumerate(description.joints)}
+        self._devices = {device.name: row for row, device in enumerate(description.devices)}
         snapshot = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(runtime.state_ring, snapshot)
         self._timing = TimingReader(runtime.timing)
@@ -315,6 +316,8 @@ class Server:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
         moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
         joints = list(self._joints) if isinstance(moving, m.WholeBody) else moving.joints
+        if isinstance(call, m.StartBehaviour):
+            joints = [*joints, *dict.fromkeys(step.gripper.gripper for step in call.steps if step.gripper is not None)]
         self._leases.check(call.owner, joints, call.lease, call.sequence)
         owner = self._owners.number
         if isinstance(call, m.StartAction):
@@ -323,14 +326,16 @@ class Server:
             serial = self._count()
             started = Started(serial, call.id, call.owner, call.ends, joints)
             header, payload = exchange.encode_start(
-                call, serial, owner(call.owner), self._joints, self._frames, prepared
+                call, serial, owner(call.owner), self._joints, self._frames, prepared, self._devices
             )
         else:
-            check_behaviour(call, self._description, self._frames, snapshot, self._mailbox.floats)
+            orders = check_behaviour(call, self._description, self._frames, snapshot, self._mailbox.floats)
             serial = self._count()
             steps = [(step.name, step.ends) for step in call.steps]
             started = Started(serial, call.id, call.owner, [], joints, steps)
-            header, payload = exchange.encode_behaviour(call, serial, owner(call.owner), self._joints, self._frames)
+            header, payload = exchange.encode_behaviour(
+                call, serial, owner(call.owner), self._joints, self._frames, self._devices, orders
+            )
         self._owners.check_in(call.owner)
         self._journal.begin(started)
         answer = None

@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from daemon.exchange import COMMAND, CONTROLLERS, MAX_ENDS, Flag
@@ -23,6 +24,9 @@ from handrail.messages import (
     Dither,
     EndCondition,
     ForceEnd,
+    GripperAtEnd,
+    GripperHoldsEnd,
+    GripperOrder,
     JointsMotion,
     JointTrajectory,
     LoadController,
@@ -64,7 +68,7 @@ def check_start(
     _check_call(message, snapshot)
     if isinstance(message.motion, WholeBody):
         _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.whole_body_door
-        _check_ends(message.ends, frames)
+        _check_ends(message.ends, description, frames)
         return
     _check_action(message.motion, message.ends, description, frames, snapshot, largest_payload)
     if isinstance(message.motion, JointTrajectory):
@@ -77,10 +81,14 @@ def check_behaviour(
     frames: Collection[str],
     snapshot: np.ndarray,
     largest_payload: int,
-) -> None:
-    """Raise RefusedError unless the behaviour may be given to the loop; as `check_start`, with the step before the field."""
+) -> dict[int, tuple[float, float, float]]:
+    """Raise RefusedError unless the behaviour may be given to the loop; as `check_start`, with the step before the field.
+
+    Returns what its steps order grippers: row of the step → position, velocity, effort.
+    """
     _check_call(message, snapshot)
     names = [step.name for step in message.steps]
+    orders = {}
     numbers = 0
     for number, step in enumerate(message.steps):
         place = f"steps[{number}]"
@@ -88,6 +96,8 @@ def check_behaviour(
             _check_action(step.motion, step.ends, description, frames, snapshot, largest_payload)
             if number == 0 and isinstance(step.motion, JointTrajectory):
                 _check_first_knot(step.motion, snapshot["command"][0][_rows(step.motion.joints, description)])
+            if step.gripper is not None:
+                orders[number] = _check_order(step.gripper, description)
         except RefusedError as error:
             found = error.refusal
             raise refuse(found.message, f"{place}.{found.field}", found.value, found.expected) from error
@@ -106,6 +116,15 @@ def check_behaviour(
         numbers += COMMAND.itemsize // 8 + _numbers(step.motion)
     if numbers > largest_payload:
         raise refuse("the behaviour is too long", "steps", f"{numbers} numbers", f"at most {largest_payload}")
+    return orders
+
+
+def _check_order(order: GripperOrder, description: RobotDescription) -> tuple[float, float, float]:
+    try:
+        return check_gripper(CommandGripper(**msgspec.structs.asdict(order)), description)[1]
+    except RefusedError as error:
+        found = error.refusal
+        raise refuse(found.message, f"gripper.{found.field}", found.value, found.expected) from error
 
 
 def _numbers(motion: JointsMotion) -> int:
@@ -139,14 +158,16 @@ def _check_action(
         _check_compliant(motion, frames)
     else:
         _check_cartesian(motion, frames)
-    _check_ends(ends, frames)
+    _check_ends(ends, description, frames)
 
 
-def _check_ends(ends: Sequence[EndCondition], frames: Collection[str]) -> None:
+def _check_ends(ends: Sequence[EndCondition], description: RobotDescription, frames: Collection[str]) -> None:
     if len(ends) > MAX_ENDS:
         raise refuse("too many end conditions", "ends", len(ends), f"at most {MAX_ENDS}")
     for number, end in enumerate(ends):
         _check_end(end, f"ends[{number}]", frames)
+        if isinstance(end, GripperHoldsEnd | GripperAtEnd):
+            _device(end.gripper, "gripper", "gripper", description, f"ends[{number}].gripper")
 
 
 def check_stream(message: StreamPose) -> None:
@@ -232,12 +253,12 @@ def check_loaded(name: str, field: str, roster: Roster) -> Loaded:
     raise refuse("no such controller is loaded", field, name, nearest(name, names) if names else "a loaded controller")
 
 
-def _device(name: str, family: str, what: str, description: RobotDescription) -> int:
-    """Row of a device of this family, which is also the message's field."""
+def _device(name: str, family: str, what: str, description: RobotDescription, field: str = "") -> int:
+    """Row of a device of this family; `field`: of the message, left out it is called like the family."""
     known = {device.name: row for row, device in enumerate(description.devices) if device.family == family}
     if name not in known:
         expected = nearest(name, known) if known else f"a robot with a {what}"
-        raise refuse(f"{description.name} has no such {what}", family, name, expected)
+        raise refuse(f"{description.name} has no such {what}", field or family, name, expected)
     return known[name]
 
 
@@ -430,7 +451,18 @@ def _check_end(end: EndCondition, field: str, frames: Collection[str]) -> None:
         check_all_finite(axis, f"{field}.axis")
         if abs(np.linalg.norm(axis) - 1.0) > 1e-3:
             raise refuse("no unit vector", f"{field}.axis", list(end.axis), "length 1")
-    for name in ("after", "position", "limit", "threshold", "margin", "error", "share", "distance", "within"):
+    for name in (
+        "after",
+        "position",
+        "limit",
+        "threshold",
+        "margin",
+        "error",
+        "share",
+        "distance",
+        "within",
+        "tolerance",
+    ):
         if hasattr(end, name):
             _check_finite(getattr(end, name), f"{field}.{name}")
 

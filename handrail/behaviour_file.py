@@ -19,6 +19,7 @@ from handrail.messages import Name, StartBehaviour, Step
 
 _FRAMED = ("pose_error", "force", "contact", "stall", "travel")
 """types of end conditions that are about a frame"""
+_OF_GRIPPERS = ("gripper_holds", "gripper_at")
 
 
 class Robot(Protocol):
@@ -50,6 +51,8 @@ class _File(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """of every motion that names none: joints, groups of the robot, globs"""
     frame: str = ""
     """of every motion and end condition that names none"""
+    gripper: str = ""
+    """of every order and end condition that is about a gripper and names none"""
     most_steps: Annotated[int, Meta(ge=1, le=10_000)] = 100
 
 
@@ -130,6 +133,11 @@ def _fill(step: dict[str, Any], file: dict[str, Any]) -> None:
             motion.setdefault("joints", file["joints"])
         if "frame" in file and motion.get("type") != "joint_trajectory":
             motion.setdefault("frame", file["frame"])
+    order = step.get("gripper")
+    if isinstance(order, dict) and "gripper" in file:
+        order.setdefault("gripper", file["gripper"])
     for end in ends if isinstance(ends, list) else []:
+        if isinstance(end, dict) and "gripper" in file and end.get("type") in _OF_GRIPPERS:
+            end.setdefault("gripper", file["gripper"])
         if isinstance(end, dict) and "frame" in file and end.get("type") in _FRAMED:
             end.setdefault("frame", file["frame"])

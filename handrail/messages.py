@@ -839,6 +839,22 @@ class TravelEnd(msgspec.Struct, tag="travel", kw_only=True, forbid_unknown_field
     axis: tuple[float, float, float] | None = None
 
 
+class GripperHoldsEnd(msgspec.Struct, tag="gripper_holds", kw_only=True, forbid_unknown_fields=True):
+    """Ends when a gripper stands still at its effort limit, short of where it was sent: something is in it."""
+
+    gripper: Name
+
+
+class GripperAtEnd(msgspec.Struct, tag="gripper_at", kw_only=True, forbid_unknown_fields=True):
+    """Ends when a gripper is measured within `tolerance` of `position`: open, closed on nothing, or as wide as it shall be."""
+
+    gripper: Name
+    position: float
+    """rad or m, of the driven joint"""
+    tolerance: Positive
+    """likewise"""
+
+
 EndCondition = (
     TimeEnd
     | PoseErrorEnd
@@ -849,6 +865,8 @@ EndCondition = (
     | TorqueLimitEnd
     | StallEnd
     | TravelEnd
+    | GripperHoldsEnd
+    | GripperAtEnd
 )
 
 
@@ -1031,11 +1049,23 @@ class StartAction(Message):
     """likewise: number of the command, higher than of all before it under that lease"""
 
 
+class GripperOrder(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Where a step sends a gripper, as CommandGripper does."""
+
+    gripper: Name
+    position: float
+    velocity: NonNegative = 0.0
+    effort: NonNegative = 0.0
+
+
 class Step(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One action of a behaviour."""
 
     name: Name
     motion: JointsMotion
+    gripper: GripperOrder | None = None
+    """sent off in the cycle in which the step begins; it follows that until its next order, whatever becomes of the behaviour, so
+    that what it holds is not let go"""
     ends: list[EndCondition] = []
     then: dict[str, Name] = {}
     """how it ended → the step that follows, or `end`. How: `done`, an end condition's type (`contact`), or one by its number

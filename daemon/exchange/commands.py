@@ -17,6 +17,8 @@ from handrail.messages import (
     DivergenceEnd,
     EndCondition,
     ForceEnd,
+    GripperAtEnd,
+    GripperHoldsEnd,
     JointLimitEnd,
     JointTrajectory,
     PathForce,
@@ -42,6 +44,8 @@ _LINEAR, _ANGULAR = {"damping": 100.0, "speed": 0.03, "reach": 0.1}, {"damping":
 """what a compliant axis has where its message says 0"""
 _OF_DEVICES = (Kind.DEVICE, Kind.RELAY)
 _OF_CONTROLLERS = (Kind.LOAD, Kind.CONFIGURE, Kind.SWITCH, Kind.UNLOAD)
+_OF_GRIPPERS = GripperHoldsEnd | GripperAtEnd
+_NOBODYS: Mapping[str, int] = {}
 _END_VALUES: dict[type, str] = {
     TimeEnd: "after",
     PoseErrorEnd: "position",
@@ -52,8 +56,10 @@ _END_VALUES: dict[type, str] = {
     TorqueLimitEnd: "share",
     StallEnd: "distance",
     TravelEnd: "distance",
+    GripperHoldsEnd: "",
+    GripperAtEnd: "position",
 }
-"""end condition → the field of it that is the record's `value`"""
+"""end condition → the field of it that is the record's `value`, if any"""
 _END_KINDS = tuple(_END_VALUES)
 
 
@@ -92,11 +98,12 @@ def encode_start(
     joint_index: Mapping[str, int],
     frame_index: Mapping[str, int],
     prepared: int = 0,
+    device_index: Mapping[str, int] = _NOBODYS,
 ) -> tuple[np.ndarray, NDArray[np.float64]]:
     """(header, payload) of a StartAction that the server has checked already.
 
     `joint_index`: position in RobotDescription.joints; `frame_index`: position in `frame_names`; `prepared`: serial of the PREPARE
-    that made a whole-body motion's controller. Raises KeyError on a name that
+    that made a whole-body motion's controller; `device_index`: row in RobotDescription.devices. Raises KeyError on a name that
     isn't there, ValueError where the message has more joints or end conditions than a command holds.
     """
     header = encode_command(Kind.START, serial, owner=owner, value=message.hold_after_s)
@@ -111,7 +118,7 @@ def encode_start(
     header["joints"][: len(joints)] = [joint_index[name] for name in joints]
     header["end_count"] = len(message.ends)
     for row, end in zip(header["ends"], message.ends, strict=False):
-        _encode_end(row, end, frame_index)
+        _encode_end(row, end, device_index if isinstance(end, _OF_GRIPPERS) else frame_index)
     payload = np.zeros(0)
     if isinstance(motion, JointTrajectory):
         header["motion"], header["knot_count"] = MOTION_TRAJECTORY, len(motion.times)
@@ -139,15 +146,24 @@ def encode_behaviour(
     owner: int,
     joint_index: Mapping[str, int],
     frame_index: Mapping[str, int],
+    device_index: Mapping[str, int] = _NOBODYS,
+    orders: Mapping[int, tuple[float, float, float]] | None = None,
 ) -> tuple[np.ndarray, NDArray[np.float64]]:
-    """(header, payload) of a StartBehaviour that the server has checked already; see `encode_start`."""
+    """(header, payload) of a StartBehaviour that the server has checked already; see `encode_start`.
+
+    `orders`: row of each step that moves a gripper → position, velocity, effort, none of them left out.
+    """
     header = encode_command(Kind.BEHAVIOUR, serial, owner=owner, value=message.hold_after_s)
     header["expires_ns"], header["most_steps"] = message.expires_ns, message.most_steps
     header["step_count"] = len(message.steps)
     parts = []
     for number, step in enumerate(message.steps):
         action = StartAction(id=message.id, owner=message.owner, motion=step.motion, ends=step.ends)
-        own, payload = encode_start(action, serial, owner, joint_index, frame_index)
+        own, payload = encode_start(action, serial, owner, joint_index, frame_index, device_index=device_index)
+        own["device"] = -1
+        if step.gripper is not None:
+            own["device"] = device_index[step.gripper.gripper]
+            own["device_values"][:3] = (orders or {})[number]
         own["then"][: 1 + len(step.ends)] = followers(message.steps, number)
         parts += [np.frombuffer(own.tobytes(), np.float64), payload]
     payload = np.concatenate(parts)
@@ -210,15 +226,21 @@ def _unpacked(payload: NDArray[np.float64]) -> bytes:
     return payload[1:].tobytes()[: int(payload[0])]
 
 
-def _encode_end(row: np.void, end: EndCondition, frame_index: Mapping[str, int]) -> None:
+def _encode_end(row: np.void, end: EndCondition, index: Mapping[str, int]) -> None:
+    """`index`: of frames, or of devices where the condition is about one."""
     row["kind"], row["frame"] = _END_KINDS.index(type(end)), -1
-    row["value"] = getattr(end, _END_VALUES[type(end)])
+    if value := _END_VALUES[type(end)]:
+        row["value"] = getattr(end, value)
+    if isinstance(end, _OF_GRIPPERS):
+        row["frame"] = index[end.gripper]
     if isinstance(end, PoseErrorEnd | ForceEnd | ContactEnd | StallEnd | TravelEnd):
-        row["frame"] = frame_index[end.frame]
+        row["frame"] = index[end.frame]
     if isinstance(end, PoseErrorEnd | ForceEnd | TravelEnd) and end.axis is not None:
         row["has_axis"], row["axis"] = 1, end.axis
     if isinstance(end, StallEnd):
         row["within"] = end.within
+    if isinstance(end, GripperAtEnd):
+        row["within"] = end.tolerance
 
 
 @dataclass(frozen=True)
@@ -299,6 +321,10 @@ class StepCommand:
     ends: tuple[EndCondition, ...]
     then: tuple[int, ...]
     """row of the step that follows `done`, and each of `ends`; −1: none"""
+    gripper: int = -1
+    """row of the device that it sends somewhere; −1: none"""
+    order: NDArray[np.float64] | None = None
+    """hal.device's commanded columns"""
 
 
 @dataclass(frozen=True)
@@ -327,10 +353,12 @@ class Command:
     """JSON that the loop does not read"""
 
 
-def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Command:
+def decode(
+    header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str], devices: Sequence[str] = ()
+) -> Command:
     """A command from its header (COMMAND, shape () or (1,)) and payload; owns its arrays.
 
-    `frames`: `frame_names(description)`. Raises ValueError where header and payload don't fit each other.
+    `frames`: `frame_names(description)`; `devices`: their names. Raises ValueError where header and payload don't fit each other.
     """
     header = header.reshape(())
     kind = Kind(int(header["kind"]))
@@ -338,7 +366,7 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
     ends: tuple[EndCondition, ...] = ()
     steps: tuple[StepCommand, ...] = ()
     if kind is Kind.BEHAVIOUR:
-        steps = tuple(_decode_steps(header, payload, frames))
+        steps = tuple(_decode_steps(header, payload, frames, devices))
         motion, ends = steps[0].motion, steps[0].ends
     if kind is Kind.START:
         m, k = int(header["joint_count"]), int(header["knot_count"])
@@ -365,7 +393,7 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
                 motion = _decode_task(joints, frames[frame], pose, float(header["duration"]), stiffness, payload)
             else:
                 motion = CartesianMotion(joints, frames[frame], pose, float(header["duration"]), stiffness)
-        ends = tuple(_decode_end(row, frames) for row in header["ends"][: int(header["end_count"])])
+        ends = tuple(_decode_end(row, frames, devices) for row in header["ends"][: int(header["end_count"])])
     return Command(
         serial=int(header["serial"]),
         kind=kind,
@@ -386,7 +414,9 @@ def decode(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[st
     )
 
 
-def _decode_steps(header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str]) -> Iterator[StepCommand]:
+def _decode_steps(
+    header: np.ndarray, payload: NDArray[np.float64], frames: Sequence[str], devices: Sequence[str]
+) -> Iterator[StepCommand]:
     size, at, count = COMMAND.itemsize // 8, 0, int(header["step_count"])
     if count < 1:
         raise ValueError("a behaviour without steps")
@@ -396,12 +426,12 @@ def _decode_steps(header: np.ndarray, payload: NDArray[np.float64], frames: Sequ
         own = np.frombuffer(payload[at : at + size].tobytes(), COMMAND).reshape(())
         at += size
         length = int(own["payload_length"])
-        step = decode(own, payload[at : at + length], frames)
+        step = decode(own, payload[at : at + length], frames, devices)
         at += length
         then = tuple(own["then"][: 1 + len(step.ends)].tolist())
         if step.kind is not Kind.START or step.motion is None or not all(-1 <= row < count for row in then):
             raise ValueError(f"command {int(header['serial'])}: a step that is none")
-        yield StepCommand(step.motion, step.ends, then)
+        yield StepCommand(step.motion, step.ends, then, int(own["device"]), own["device_values"].copy())
 
 
 def _decode_task(
@@ -449,14 +479,20 @@ def _decode_stream(payload: NDArray[np.float64]) -> StreamedReference:
     )
 
 
-def _decode_end(row: np.void, frames: Sequence[str]) -> EndCondition:
+def _decode_end(row: np.void, frames: Sequence[str], devices: Sequence[str]) -> EndCondition:
     kind = _END_KINDS[int(row["kind"])]
-    fields: dict[str, Any] = {_END_VALUES[kind]: float(row["value"])}
-    if row["frame"] >= 0:
+    fields: dict[str, Any] = {_END_VALUES[kind]: float(row["value"])} if _END_VALUES[kind] else {}
+    if kind is GripperHoldsEnd or kind is GripperAtEnd:
+        if not 0 <= row["frame"] < len(devices):
+            raise ValueError(f"an end condition about device {int(row['frame'])} of {len(devices)}")
+        fields["gripper"] = devices[int(row["frame"])]
+    elif row["frame"] >= 0:
         fields["frame"] = frames[int(row["frame"])]
     if row["has_axis"]:
         fields["axis"] = tuple(row["axis"].tolist())
     if kind is StallEnd:
         fields["within"] = float(row["within"])
+    if kind is GripperAtEnd:
+        fields["tolerance"] = float(row["within"])
     end: EndCondition = kind(**fields)
     return end

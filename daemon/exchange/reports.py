@@ -149,7 +149,7 @@ def _how_it_ended(
         end = ends[int(slot["condition"])]
         text = str(end.__struct_config__.tag)
         detail = f"ends[{int(slot['condition'])}]: {text} reached {float(slot['value']):.4g}"
-    elif outcome is Outcome.STEP_REFUSED:
+    elif outcome is Outcome.STEP_REFUSED and slot["joint"] >= 0:
         detail = f"the next step starts {float(slot['value']):.4g} rad from what the robot is commanded"
     elif outcome is Outcome.TOO_MANY_STEPS:
         detail = f"{float(slot['value']):.0f} steps taken"

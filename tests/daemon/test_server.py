@@ -42,6 +42,7 @@ class FakeLoop:
 
     def __init__(self, description: RobotDescription, runtime: Runtime):
         self._frames = exchange.frame_names(description)
+        self._devices = [device.name for device in description.devices]
         self.mailbox = MailboxReader(runtime.mailbox, exchange.COMMAND)
         self.ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         self.snapshot = self.ring.record
@@ -63,7 +64,7 @@ class FakeLoop:
         while not self._ending:
             self._doorbell.wait(PATIENCE_S)
             while not self.deaf and (mail := self.mailbox.take()) is not None:
-                command = exchange.decode(*mail, self._frames)
+                command = exchange.decode(*mail, self._frames, self._devices)
                 self.mailbox.done()
                 self.commands.append(command)
                 answer = self.answers.get(command.kind, (Answer.ACCEPTED, -1, 0.0))
@@ -830,6 +831,46 @@ def test_a_gripper_command_that_can_not_be_done_is_refused_before_the_loop_sees_
     assert refused.field == field
     assert expected in refused.expected
     assert loop.commands == []
+
+
+def test_a_behaviours_steps_move_grippers_and_end_by_them_and_what_is_left_out_means_their_limit(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    ends = [m.GripperHoldsEnd(gripper="hand"), m.GripperAtEnd(gripper="hand", position=0.7, tolerance=0.02)]
+    hand_rig.call(
+        behaviour(hand_rig, {"gripper": m.GripperOrder(gripper="hand", position=0.7, effort=15.0), "ends": ends})
+    )
+    close, stay = loop.wait_for(Kind.BEHAVIOUR).steps
+    assert close.order is not None
+    assert (close.gripper, close.order[:3].tolist()) == (1, [0.7, 0.8, 15.0])
+    assert close.ends == tuple(ends)
+    assert stay.gripper == -1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field", "expected"),
+    [
+        ({"gripper": m.GripperOrder(gripper="hnad", position=0.5)}, "gripper.gripper", "hand"),
+        ({"gripper": m.GripperOrder(gripper="hand", position=1.2)}, "gripper.position", "-0.1 to 1"),
+        ({"ends": [m.GripperHoldsEnd(gripper="battery")]}, "ends[0].gripper", "hand"),
+        ({"ends": [m.GripperAtEnd(gripper="hand", position=math.nan, tolerance=0.1)]}, "ends[0].position", "finite"),
+    ],
+)
+def test_what_is_wrong_with_a_steps_gripper_is_refused_with_the_step(
+    hand_rig: Rig, wrong: dict[str, Any], field: str, expected: str
+) -> None:
+    loop = hand_rig.start_loop()
+    refused = hand_rig.refusal(behaviour(hand_rig, {}, wrong))
+    assert refused.field == f"steps[1].{field}"
+    assert expected in refused.expected
+    assert loop.commands == []
+
+
+def test_a_behaviour_moves_no_gripper_whose_part_another_has_taken(hand_rig: Rig) -> None:
+    loop = hand_rig.start_loop()
+    hand_rig.call(m.TakeLease(owner="other", part="hand"))
+    order = m.GripperOrder(gripper="hand", position=0.7)
+    assert "other" in str(hand_rig.refusal(behaviour(hand_rig, {}, {"gripper": order})))
+    assert [command.kind for command in loop.commands if command.kind is Kind.BEHAVIOUR] == []
 
 
 def test_a_gripper_that_does_not_answer_is_named_in_the_refusal(hand_rig: Rig) -> None:

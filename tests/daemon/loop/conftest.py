@@ -25,6 +25,7 @@ from daemon.ring import StateRingReader
 from daemon.roster import Roster, read_roster, roster_file
 from daemon.tape import TapeWriter
 from daemon.taping import TapedLoop, TapedPort
+from daemon.validation import check_gripper
 from hal.can import frames
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State
@@ -32,7 +33,16 @@ from hal.drives.parameters import Parameter, ParameterResult
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import JointCommand, JointState
-from handrail.messages import EndCondition, JointTrajectory, LoadController, Motion, StartAction, StartBehaviour, Step
+from handrail.messages import (
+    CommandGripper,
+    EndCondition,
+    JointTrajectory,
+    LoadController,
+    Motion,
+    StartAction,
+    StartBehaviour,
+    Step,
+)
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
@@ -176,6 +186,7 @@ class Bench:
         self._serial = 0
         self._frames = {name: i for i, name in enumerate(exchange.frame_names(description))}
         self._joints = {name: i for i, name in enumerate(description.joints)}
+        self._devices = {device.name: i for i, device in enumerate(description.devices)}
 
     def run(self, cycles: int = 1, each: Callable[[], None] = lambda: None) -> np.ndarray:
         """Run cycles; the newest snapshot."""
@@ -205,14 +216,22 @@ class Bench:
     def post_start(self, motion: Motion, ends: tuple[EndCondition, ...] = (), owner: int = 1, **fields: float) -> int:
         self._serial += 1
         message = StartAction(id=f"a{self._serial}", owner=f"o{owner}", motion=motion, ends=list(ends), **fields)
-        header, payload = exchange.encode_start(message, self._serial, owner, self._joints, self._frames)
+        header, payload = exchange.encode_start(
+            message, self._serial, owner, self._joints, self._frames, device_index=self._devices
+        )
         self._mailbox.post(header, payload)
         return self._serial
 
     def post_behaviour(self, *steps: Step, owner: int = 1, **fields: Any) -> int:
         self._serial += 1
         message = StartBehaviour(id=f"a{self._serial}", owner=f"o{owner}", steps=list(steps), **fields)
-        self._mailbox.post(*exchange.encode_behaviour(message, self._serial, owner, self._joints, self._frames))
+        orders = {
+            number: check_gripper(CommandGripper(**msgspec.structs.asdict(step.gripper)), self.description)[1]
+            for number, step in enumerate(steps)
+            if step.gripper is not None
+        }
+        meant = (self._joints, self._frames, self._devices, orders)
+        self._mailbox.post(*exchange.encode_behaviour(message, self._serial, owner, *meant))
         return self._serial
 
     def start(self, motion: Motion, ends: tuple[EndCondition, ...] = (), owner: int = 1, **fields: float) -> Answer:

@@ -77,13 +77,19 @@ class InPlant(Bench):
 
     def force_on(self, thing: str) -> np.ndarray:
         """N (3,), world axes, that the robot really exerts on an object now."""
-        total = np.zeros(3)
+        return sum((force for _, force in self._contacts(thing)), np.zeros(3))
+
+    def moment_on(self, thing: str, about: np.ndarray) -> np.ndarray:
+        """N·m (3,), world axes, likewise about a point."""
+        return sum((np.cross(point - about, force) for point, force in self._contacts(thing)), np.zeros(3))
+
+    def _contacts(self, thing: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Where the robot touches an object, m, and the force on it there, N."""
         body = self.world.body(thing)
         for contact in p.getContactPoints(self.world.robot.number, body, physicsClientId=self.world.client):
             # The normal is on the other body and points at the robot; friction acts along two directions.
-            total -= contact[9] * np.array(contact[7])
-            total -= contact[10] * np.array(contact[11]) + contact[12] * np.array(contact[13])
-        return total
+            friction = contact[10] * np.array(contact[11]) + contact[12] * np.array(contact[13])
+            yield np.array(contact[6]), -contact[9] * np.array(contact[7]) - friction
 
     def run_to_end(self, slot: int = 0, cycles: int = 4000, each: Callable[[], None] = lambda: None) -> Outcome:
         for _ in range(cycles):

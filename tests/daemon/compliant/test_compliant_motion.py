@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from daemon.exchange import ActionState, Answer, Kind, Outcome
-from handrail.messages import Compliance, CompliantMotion, Dither
+from hal.plant.scene import EMPTY, Box, Scene
+from handrail.messages import Compliance, CompliantMotion, Dither, Pose
+from handrail.robot.kinematics import Kinematics
 from tests.daemon.compliant.conftest import TIP, InPlant, wall_before
+
+TOOL = "tool_right"
 
 
 def compliant(robot: InPlant, duration: float, *axes: Compliance, **more) -> CompliantMotion:
@@ -52,6 +56,31 @@ def test_it_presses_a_wall_with_the_force_it_was_told(in_plant, talos, ready, by
     assert abs(pressed - 20.0).max() < 2.0, f"N: {pressed.min():.2f} to {pressed.max():.2f}"
     touch = np.convolve(track.force[:, 0], np.full(10, 0.1))
     assert touch.max() < 40.0, "N, 20 ms of the touch"
+
+
+@pytest.mark.parametrize("by", ["sensor", "joints"])
+def test_it_twists_against_a_post_with_the_torque_it_was_told(in_plant, talos, ready, by: str) -> None:
+    """2 N·m within 0.2 about the tool's root, 15 cm from where the stub's end leans against the post."""
+    root = Kinematics(talos).frame(talos.home_position(), TOOL).translation
+    place = root + np.array([0.145, 0.012 + 0.005 + 0.01, 0.0])  # the stub's radius, a gap, half the post
+    post = Scene(
+        EMPTY.file,
+        {"post": Box(pose_in_world=None, size=(0.02, 0.02, 0.3), friction=0.3)},
+        {"post": Pose(position=tuple(place.tolist()))},
+    )
+    robot = in_plant(post, talos if by == "sensor" else dataclasses.replace(talos, devices=()))
+    torques: list[float] = []
+
+    def measure() -> None:
+        about = robot.kinematics.frame(robot.world.position, TOOL).translation
+        torques.append(float(robot.moment_on("post", about)[2]))
+
+    joints = list(robot.description.arms["right"].joints)
+    twist = CompliantMotion(frame=TOOL, joints=joints, duration=1.6, compliance=[Compliance(axis="rz", force=2.0)])
+    assert robot.start(twist) is Answer.ACCEPTED
+    assert robot.run_to_end(each=measure) is Outcome.DONE
+    held = np.array(torques[-200:])
+    assert abs(held - 2.0).max() < 0.2, f"N·m: {held.min():.3f} to {held.max():.3f}"
 
 
 def test_it_slides_along_a_wall_that_it_presses_in_the_frames_own_axes(in_plant, ready) -> None:

@@ -21,6 +21,7 @@ from daemon.exchange import (
     ActionState,
     Answer,
     Command,
+    JointSample,
     MotionCommand,
     Outcome,
     Rule,
@@ -181,6 +182,14 @@ class ActionTable:
                 return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
         return Refusal(Answer.NO_SUCH_ACTION)
 
+    def sample(self, serial: int, sample: JointSample) -> Refusal | None:
+        """A sample of joint references for a running action."""
+        for action in self.running():
+            if action.serial == serial:
+                takes = action.controller.sample(sample.sequence, sample.position, sample.velocity)
+                return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
+        return Refusal(Answer.NO_SUCH_ACTION)
+
     def lose_owner(self, owner: int) -> None:
         """Cancel whatever `owner` has running."""
         for action in self.running():
@@ -201,7 +210,7 @@ class ActionTable:
                     ended.append(action)
             elif action.controller.clock.standing != (action.state is ActionState.PAUSED):
                 action.state = ActionState.PAUSED if action.controller.clock.standing else ActionState.RUNNING
-                action.cycle = self.cycle
+                action.cycle, action.detail = self.cycle, action.controller.waiting
         return ended
 
     def refuse(self, joint: int, value: float = 0.0) -> list[Action]:
@@ -249,6 +258,9 @@ class ActionTable:
             return True
         if why := action.controller.failure:
             action.outcome, action.detail = Outcome.INFEASIBLE, why
+            return True
+        if silence := action.controller.silence:
+            action.outcome, action.value, action.detail = Outcome.STREAM_LOST, silence, ""
             return True
         if action.controller.done:
             action.outcome = Outcome.DONE

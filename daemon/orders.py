@@ -89,6 +89,13 @@ class Orders:
             case Kind.STREAM:
                 assert command.reference is not None
                 return actions.stream(command.action, command.reference)
+            case Kind.STREAM_JOINTS:
+                assert command.sample is not None
+                if command.expires_ns and time_ns > command.expires_ns:
+                    late = (time_ns - command.expires_ns) * 1e-9
+                    life.ledger.trip(Rule.EXPIRED, value=late)
+                    return Refusal(Answer.EXPIRED, value=late)
+                return actions.sample(command.action, command.sample)
             case Kind.CANCEL:
                 return actions.cancel(command.action)
             case Kind.PAUSE:

@@ -35,7 +35,7 @@ from daemon.ring import StateRingReader
 from daemon.roster import roster_file
 from daemon.safety.report import safety_report
 from daemon.timing import TimingReader, loop_timing
-from daemon.validation import check_behaviour, check_gripper, check_power, check_start, check_stream
+from daemon.validation import check_behaviour, check_gripper, check_joints, check_power, check_start, check_stream
 from daemon.whole_body_door import WholeBodyDoor
 from handrail import messages as m
 from handrail.robot import description as robots
@@ -133,6 +133,7 @@ class Server:
             m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
             m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
             m.StreamPose: self._stream,
+            m.StreamJoints: self._stream_joints,
             m.CommandGripper: self._command_gripper,
             m.SwitchRelay: self._switch_relay,
         }
@@ -408,6 +409,20 @@ class Server:
         check_stream(call)
         serial = self._running(call.id)
         self._require_accepted(self._post(*exchange.encode_stream(call, self._count(), serial)))
+
+    def _stream_joints(self, call: m.StreamJoints) -> None:
+        serial = self._running(call.id)
+        started = self._journal.find(serial)
+        assert started is not None
+        check_joints(call, started.joints, self._description)
+        self._owners.check_in(started.owner)
+        try:
+            # Nobody waits for the loop's word: the next sample is on its way.
+            self._mailbox.post(*exchange.encode_joints(call, self._count(), serial))
+        except MailboxFull as error:
+            raise refuse(str(error)) from error
+        if not self._loop_bell.ring():
+            raise refuse(_NO_LOOP)
 
     def _command_gripper(self, call: m.CommandGripper) -> None:
         self._leases.check(call.owner, [call.gripper], call.lease, call.sequence)

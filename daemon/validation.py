@@ -28,6 +28,7 @@ from handrail.messages import (
     GripperHoldsEnd,
     GripperOrder,
     JointsMotion,
+    JointStream,
     JointTrajectory,
     LoadController,
     PoseErrorEnd,
@@ -35,6 +36,7 @@ from handrail.messages import (
     StallEnd,
     StartAction,
     StartBehaviour,
+    StreamJoints,
     StreamPose,
     SwitchRelay,
     TravelEnd,
@@ -68,6 +70,12 @@ def check_start(
     _check_call(message, snapshot)
     if isinstance(message.motion, WholeBody):
         _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.whole_body_door
+        _check_ends(message.ends, description, frames)
+        return
+    if isinstance(message.motion, JointStream):
+        _rows(message.motion.joints, description)
+        for field in ("bridge", "expiry", "speed"):
+            _check_finite(getattr(message.motion, field), f"motion.{field}")
         _check_ends(message.ends, description, frames)
         return
     _check_action(message.motion, message.ends, description, frames, snapshot, largest_payload)
@@ -177,6 +185,24 @@ def check_stream(message: StreamPose) -> None:
     if message.orientation is not None:
         check_quaternion(message.orientation, "orientation")
     check_all_finite(np.array(message.velocity), "velocity")
+
+
+def check_joints(message: StreamJoints, joints: Sequence[str], description: RobotDescription) -> None:
+    """Raise RefusedError unless the loop may be given this sample for a motion of `joints`."""
+    rows = description.index(tuple(joints))
+    fastest = description.velocity_limit[rows]
+    limits = (description.lower[rows], description.upper[rows]), (-fastest, fastest)
+    for field, unit, (lowest, highest) in zip(("positions", "velocities"), ("rad", "rad/s"), limits, strict=True):
+        values = np.array(getattr(message, field), float)
+        if not len(values) and field == "velocities":
+            continue
+        if len(values) != len(joints):
+            raise refuse("one number a joint", field, f"{len(values)} numbers", f"{len(joints)}: {', '.join(joints)}")
+        check_all_finite(values, field)
+        if (beyond := np.flatnonzero((values < lowest - 1e-6) | (values > highest + 1e-6))).size:
+            row = int(beyond[0])
+            expected = f"{lowest[row]:g} to {highest[row]:g} {unit}"
+            raise refuse(f"beyond the limits of {joints[row]}", f"{field}[{row}]", f"{values[row]:g}", expected)
 
 
 def check_gripper(message: CommandGripper, description: RobotDescription) -> tuple[int, tuple[float, float, float]]:

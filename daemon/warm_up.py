@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.controllers.base import Gains
+from daemon.controllers.joint_stream import JointStream
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.exchange import TrajectoryMotion
+from daemon.exchange import StreamMotion, TrajectoryMotion
 from daemon.observer import SENSOR_AGE
 from daemon.outer_integral import OuterIntegral
 from daemon.robot_state import RobotState
@@ -36,6 +37,10 @@ def warm_up(kinematics: Kinematics) -> None:
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)
         motion.activate(robot, command)
         motion.update(robot, command)
+    gains = Gains(command.stiffness, command.damping)
+    stream = JointStream(StreamMotion(path.joints, 1.0, 1.0, 1.0), gains, limits.period)
+    stream.activate(robot, command)
+    stream.update(robot, command)
     bodies = Bodies.of(kinematics)
     pairs, moving, trips = np.zeros((len(bodies.pairs), 2)), np.zeros((2, n)), np.zeros((MAX_TRIPS, 3))
     told = (command.table, command.table, state.table)

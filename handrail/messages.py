@@ -1024,7 +1024,25 @@ class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_f
 
 JointsMotion = JointTrajectory | CartesianImpedance | CompliantMotion
 """those that say which joints they move"""
-Motion = JointsMotion | WholeBody
+
+
+class JointStream(msgspec.Struct, tag="joint_stream", kw_only=True, forbid_unknown_fields=True):
+    """Follow what StreamJoints brings, from where the joints are commanded to be; ends with `stream_lost`, or as every motion may.
+
+    Between two samples it goes on at the velocity that was sent, for at most `bridge` s; then it comes to a stand within 0.1 s and
+    is held, which an ActionEvent tells (`paused`, with the reason), until the next sample comes or `expiry` is over.
+    """
+
+    joints: list[Name]
+    bridge: Positive = 0.05
+    """s without a sample that are bridged"""
+    expiry: Positive = 1.0
+    """s without a sample after which it ends"""
+    speed: Positive = 0.5
+    """rad/s: a sample that is elsewhere than the joints are commanded to be is gone to no faster"""
+
+
+Motion = JointsMotion | WholeBody | JointStream
 
 
 @_travels(priority=1, remote=False)
@@ -1115,6 +1133,26 @@ class StreamPose(Message):
     """m/s, rad/s: linear, angular"""
 
 
+@_travels(priority=1, remote=False)
+class StreamJoints(Message):
+    """A sample of where the joints of a running JointStream are to be. One to two hundred a second are a good rate.
+
+    Answered as soon as it is on its way: the loop drops one that comes after a newer one, or after it expired. Counts as its
+    owner's CheckIn. Refused when no such action runs, and when a number is not finite, beyond a limit, or missing.
+    """
+
+    id: Name
+    """the action's"""
+    sequence: Annotated[int, Meta(ge=1, lt=1 << 53)]
+    """goes up by one with every sample"""
+    positions: list[float]
+    """rad, in the order of the motion's joints"""
+    velocities: list[float] = []
+    """rad/s; empty: 0"""
+    expires_ns: int = 0
+    """robot clock; 0: never"""
+
+
 @_travels(priority=1)
 class CancelAction(Message):
     """End an action: slow down along its path, then hold."""
@@ -1177,6 +1215,7 @@ DaemonCall = (
     | PauseAction
     | ResumeAction
     | StreamPose
+    | StreamJoints
     | CommandGripper
     | SwitchRelay
 )

@@ -213,6 +213,20 @@ class MotionController(Controller):
         """A streamed reference (exchange.StreamedReference). False: nothing is streamed here under this name."""
         return False
 
+    def sample(self, sequence: int, position: Array, velocity: Array) -> bool:
+        """A sample of where its joints are to be, (m,) rad and rad/s, finite. False: no such thing is streamed here."""
+        return False
+
+    @property
+    def waiting(self) -> str:
+        """Why its clock stands though nobody paused it; "": it does not."""
+        return ""
+
+    @property
+    def silence(self) -> float:
+        """s since something was streamed to it, where that is too long; 0: all is well"""
+        return 0.0
+
     def lag(self, robot: RobotState, frame: str) -> Array:
         """(3,) m, world axes: where a frame is commanded to be minus where it is measured."""
         return robot.lag(frame)

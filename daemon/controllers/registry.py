@@ -18,14 +18,23 @@ from daemon.controllers.cartesian_impedance import CartesianImpedance
 from daemon.controllers.compliant_motion import CompliantMotion
 from daemon.controllers.gravity_compensation import GravityCompensation
 from daemon.controllers.joint_impedance import JointImpedance
+from daemon.controllers.joint_stream import JointStream
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.exchange import CartesianMotion, MotionCommand, PreparedMotion, TaskFrameMotion, TrajectoryMotion
+from daemon.exchange import (
+    CartesianMotion,
+    MotionCommand,
+    PreparedMotion,
+    StreamMotion,
+    TaskFrameMotion,
+    TrajectoryMotion,
+)
 from daemon.roster import own_kinds
 
 MOTIONS: dict[type, Callable[[Any, Gains, float], MotionController]] = {
     TrajectoryMotion: JointTrajectory,
     CartesianMotion: CartesianImpedance,
     TaskFrameMotion: CompliantMotion,
+    StreamMotion: JointStream,
     PreparedMotion: lambda motion, gains, period: motion.controller,
 }
 """decoded motion (daemon.exchange) → what makes a controller of it, of the robot's gains and of the loop's period in s. That

@@ -20,6 +20,7 @@ from handrail.messages import (
     GripperAtEnd,
     GripperHoldsEnd,
     JointLimitEnd,
+    JointStream,
     JointTrajectory,
     PathForce,
     Pose,
@@ -28,6 +29,7 @@ from handrail.messages import (
     StartAction,
     StartBehaviour,
     Step,
+    StreamJoints,
     StreamPose,
     TaskAxis,
     TimeEnd,
@@ -36,7 +38,7 @@ from handrail.messages import (
     WholeBody,
 )
 
-MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT, MOTION_PREPARED = 1, 2, 3, 4
+MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT, MOTION_PREPARED, MOTION_STREAM = 1, 2, 3, 4, 5
 TASK_AXES: tuple[TaskAxis, ...] = ("x", "y", "z", "rx", "ry", "rz")
 COMPLIANCE_ROWS = ("on", "force", "stiffness", "damping", "speed", "reach")
 DITHER_ROWS = ("amplitude", "frequency")
@@ -129,6 +131,8 @@ def encode_start(
         payload = np.concatenate([np.asarray(part, float).ravel() for part in knots])
     elif isinstance(motion, WholeBody):
         header["motion"], header["action"] = MOTION_PREPARED, prepared
+    elif isinstance(motion, JointStream):
+        header["motion"], payload = MOTION_STREAM, np.array([motion.bridge, motion.expiry, motion.speed])
     else:
         header["motion"], header["frame"] = MOTION_CARTESIAN, frame_index[motion.frame]
         if motion.goal_in_world is not None:
@@ -215,6 +219,14 @@ def encode_stream(message: StreamPose, serial: int, action: int) -> tuple[np.nda
     return header, payload
 
 
+def encode_joints(message: StreamJoints, serial: int, action: int) -> tuple[np.ndarray, NDArray[np.float64]]:
+    """(header, payload) of a sample for the START with serial `action`."""
+    header = encode_command(Kind.STREAM_JOINTS, serial, action=action, value=float(message.sequence))
+    payload = np.array([*message.positions, *(message.velocities or [0.0] * len(message.positions))], float)
+    header["expires_ns"], header["payload_length"] = message.expires_ns, len(payload)
+    return header, payload
+
+
 def _packed(text: bytes) -> NDArray[np.float64]:
     """Bytes as float64: how many, then they."""
     return np.concatenate(([len(text)], np.frombuffer(text.ljust(-(-len(text) // 8) * 8, b"\0"), np.float64)))
@@ -278,6 +290,28 @@ class PreparedMotion:
 
 
 @dataclass(frozen=True)
+class StreamMotion:
+    """What a client streams."""
+
+    joints: NDArray[np.int64]
+    bridge: float
+    """s"""
+    expiry: float
+    speed: float
+    """rad/s"""
+
+
+@dataclass(frozen=True)
+class JointSample:
+    """Where joints are to be, in the order of their motion."""
+
+    sequence: int
+    position: NDArray[np.float64]
+    """(m,) rad"""
+    velocity: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class StreamedReference:
     """Where a task's frame is to be; none: as sent before."""
 
@@ -310,7 +344,7 @@ class TaskFrameMotion:
     """(DITHER_ROWS, 6)"""
 
 
-MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion | PreparedMotion
+MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion | PreparedMotion | StreamMotion
 
 
 @dataclass(frozen=True)
@@ -343,6 +377,7 @@ class Command:
     """BEHAVIOUR; `motion` and `ends` are then the first one's"""
     most_steps: int = 0
     reference: StreamedReference | None = None
+    sample: JointSample | None = None
     device: int = -1
     device_values: NDArray[np.float64] | None = None
     """hal.device's commanded columns, or what Kind.RELAY says"""
@@ -385,6 +420,10 @@ def decode(
             motion = TrajectoryMotion(joints, own[:k], positions, velocities, force)
         elif int(header["motion"]) == MOTION_PREPARED:
             motion = PreparedMotion(joints, int(header["action"]))
+        elif int(header["motion"]) == MOTION_STREAM:
+            if len(payload) != 3 or not (np.isfinite(payload) & (payload > 0.0)).all():
+                raise ValueError(f"command {int(header['serial'])}: no bridge, expiry and speed of a stream")
+            motion = StreamMotion(joints, *np.array(payload, float).tolist())
         else:
             goal = [float(x) for x in header["goal"]]
             pose = Pose(position=(goal[0], goal[1], goal[2]), orientation=(goal[3], goal[4], goal[5], goal[6]))
@@ -406,6 +445,7 @@ def decode(
         steps=steps,
         most_steps=int(header["most_steps"]),
         reference=_decode_stream(payload) if kind is Kind.STREAM else None,
+        sample=_decode_sample(header, payload) if kind is Kind.STREAM_JOINTS else None,
         device=int(header["device"]) if kind in _OF_DEVICES else -1,
         device_values=header["device_values"].copy() if kind in _OF_DEVICES else None,
         come=int(header["controllers"][0]),
@@ -477,6 +517,16 @@ def _decode_stream(payload: NDArray[np.float64]) -> StreamedReference:
         None if np.isnan(orientation).all() else orientation,
         velocity,
     )
+
+
+def _decode_sample(header: np.ndarray, payload: NDArray[np.float64]) -> JointSample:
+    numbers = np.array(payload, float)
+    if len(numbers) % 2 or not np.isfinite(numbers).all() or not 0.0 < float(header["value"]) < 2.0**53:
+        raise ValueError(
+            f"command {int(header['serial'])}: {len(numbers)} numbers, or what is none, for joints' references"
+        )
+    position, velocity = np.split(numbers, 2)
+    return JointSample(int(header["value"]), position, velocity)
 
 
 def _decode_end(row: np.void, frames: Sequence[str], devices: Sequence[str]) -> EndCondition:

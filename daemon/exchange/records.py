@@ -72,6 +72,8 @@ class Outcome(enum.IntEnum):
     """constraints exclude each other; `detail` names the one that blocks"""
     TOO_CLOSE = 14
     """bodies came so near to each other, or to a region, that there was just room to brake; `detail` names them"""
+    STREAM_LOST = 15
+    """nothing had been streamed to it for `value` s"""
 
 
 class ControllerState(enum.IntEnum):
@@ -127,6 +129,8 @@ class Kind(enum.IntEnum):
     """`owner` must be heard every `value` s of the robot's clock from now on; 0: he need not any more"""
     KEEP_ALIVE = 22
     """`owner` was heard"""
+    STREAM_JOINTS = 24
+    """`action` takes a sample of joint references (payload: positions, velocities), of which `value` is the number"""
 
 
 @enum.unique
@@ -210,7 +214,17 @@ class Rule(enum.IntEnum):
     GAIN = 17
 
 
-CONTROLLERS = ("", "hold", "joint_trajectory", "cartesian_impedance", "user", "compliant_motion", "whole_body", "brake")
+CONTROLLERS = (
+    "",
+    "hold",
+    "joint_trajectory",
+    "cartesian_impedance",
+    "user",
+    "compliant_motion",
+    "whole_body",
+    "brake",
+    "joint_stream",
+)
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
 LOADED_CODE = 64
 """Likewise: from here on, the slots of the controllers that were loaded by name."""
@@ -252,9 +266,9 @@ COMMAND = np.dtype(
         ("serial", "u8"),
         ("kind", "u4"),
         ("owner", "u4"),  # number that the server gives each owner, never 0
-        ("action", "u8"),  # CANCEL, PAUSE, RESUME, STREAM: serial of the START meant; START, PREPARE: of a PREPARE;
+        ("action", "u8"),  # CANCEL, PAUSE, RESUME, STREAM, STREAM_JOINTS: of the START; START, PREPARE: of a PREPARE;
         # CONFIGURE, SWITCH, UNLOAD: roster meant
-        ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s
+        ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s; STREAM_JOINTS: sequence
         ("expires_ns", "i8"),
         ("motion", "u4"),
         ("joint_count", "u4"),

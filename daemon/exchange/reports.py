@@ -120,6 +120,8 @@ def action_event(
         if steps and before >= 0:
             text, detail = _how_it_ended(slot, steps[before][1], joints, problems)
             how = f"{steps[before][0]}: {detail or text}"
+        if waiting := bytes(slot["detail"]).decode(errors="replace"):
+            how = f"{how} {waiting}".strip()
         return ActionEvent(
             id=action_id, state=word, time_ns=int(slot["time_ns"]), cycle=int(slot["cycle"]), step=name, detail=how
         )
@@ -151,6 +153,8 @@ def _how_it_ended(
         detail = f"ends[{int(slot['condition'])}]: {text} reached {float(slot['value']):.4g}"
     elif outcome is Outcome.STEP_REFUSED and slot["joint"] >= 0:
         detail = f"the next step starts {float(slot['value']):.4g} rad from what the robot is commanded"
+    elif outcome is Outcome.STREAM_LOST:
+        detail = f"nothing had been streamed for {float(slot['value']):.2f} s"
     elif outcome is Outcome.TOO_MANY_STEPS:
         detail = f"{float(slot['value']):.0f} steps taken"
     if slot["joint"] >= 0:

@@ -925,3 +925,25 @@ def test_a_relay_that_may_not_open_is_refused_with_what_to_do(hand_rig: Rig) -> 
     refused = hand_rig.refusal(m.SwitchRelay(power="battery", closed=False))
     assert "Disable first" in refused.message and "battery" in refused.message
     assert (refused.field, refused.value, refused.expected) == ("enabled", "true", "false")
+
+
+def test_a_streams_samples_go_to_the_loop_unanswered_check_their_owner_in_and_are_refused_where_nothing_runs(
+    rig: Rig,
+) -> None:
+    joints = ["arm_right_1_joint", "arm_right_4_joint"]
+    sample = m.StreamJoints(id="s", sequence=1, positions=[0.0, -1.5], velocities=[0.1, 0.0], expires_ns=5)
+    with pytest.raises(RefusedError, match="no such action is running"):
+        rig.call(sample)
+    loop = rig.start_loop()
+    rig.call(rig.action("s", m.JointStream(joints=joints)))
+    loop.deaf = True  # its word is not waited for
+    rig.call(sample)
+    loop.deaf = False
+    rig.call(m.CancelAction(id="s"))
+    command = next(command for command in loop.commands if command.kind is Kind.STREAM_JOINTS)
+    assert command.sample is not None
+    assert (command.sample.sequence, command.expires_ns) == (1, 5)
+    assert command.sample.position.tolist() + command.sample.velocity.tolist() == [0.0, -1.5, 0.1, 0.0]
+    with pytest.raises(RefusedError) as refused:
+        rig.call(m.StreamJoints(id="s", sequence=2, positions=[0.0]))
+    assert refused.value.refusal.field == "positions"

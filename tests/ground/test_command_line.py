@@ -21,6 +21,7 @@ VERBS = [
     "drives",
     "program",
     "robot",
+    "new",
     "behaviour",
     "replay",
     "bench",

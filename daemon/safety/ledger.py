@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from daemon.exchange import SAFETY, Outcome, Rule
-from daemon.safety.rules import DIVERGED, STALE
+from daemon.safety.bounds import DIVERGED, STALE
 
 if TYPE_CHECKING:
     from daemon.actions import Action

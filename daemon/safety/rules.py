@@ -8,16 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.exchange import Rule
+from daemon.safety.bounds import DIVERGED, STALE
 from hal.drives.rows import joint_state
 from hal.joint import JointState
 from handrail.compiled import compiled
 
 Array = NDArray[np.float64]
-
-DIVERGED = 0.5
-"""rad between a joint and its command at which any action ends, whatever its conditions say"""
-STALE = 20
-"""cycles without a new measurement after which no action goes on: when drives stop by themselves that hear as little as they say"""
 
 
 class Followed(NamedTuple):

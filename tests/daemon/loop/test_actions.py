@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daemon.exchange import SLOTS, ActionState, Answer, Kind, Outcome
-from daemon.safety.rules import DIVERGED
+from daemon.safety.bounds import DIVERGED
 from handrail.messages import (
     ContactEnd,
     DivergenceEnd,

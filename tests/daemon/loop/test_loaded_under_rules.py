@@ -10,7 +10,7 @@ import pytest
 from daemon.controller_desk import ControllerDesk
 from daemon.exchange import CONTROLLERS, LOADED_CODE, Answer, ControllerState, Kind, Outcome, Rule
 from daemon.roster import roster_file
-from daemon.safety.rules import DIVERGED, STALE
+from daemon.safety.bounds import DIVERGED, STALE
 from hal.drives.lifecycle import State
 from handrail.messages import ControllerEvent, ControllerInfo
 from tests.daemon.loop.conftest import Desk

@@ -14,8 +14,9 @@ import pytest
 from daemon import cli
 from daemon.drive_reports import drive_problems
 from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
+from daemon.safety.bounds import DIVERGED, STALE
 from daemon.safety.report import safety_report
-from daemon.safety.rules import DIVERGED, STALE, Followed, followed, isolated_with, unsafe
+from daemon.safety.rules import Followed, followed, isolated_with, unsafe
 from daemon.safety.table import TABLE, markdown
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER

@@ -28,7 +28,6 @@ from hal.can import frames
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware
 from hal.joint import COMMANDED, JointCommand, JointState, Mode
-from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime
 
@@ -55,9 +54,10 @@ class Difference:
 class Replay:
     """A loop that is told again what another one took in."""
 
-    def __init__(self, description: RobotDescription, kinematics: Kinematics, lockstep: bool, folder: Path):
+    def __init__(self, kinematics: Kinematics, lockstep: bool, folder: Path):
         """`folder`: of this replay's own, where the loop's shared memory lies meanwhile."""
-        self._description, self._protocol = description, LimbProtocol(description)
+        self._description = description = kinematics.description
+        self._protocol = LimbProtocol(description)
         self._port, runtime = _FedPort(len(description.channels)), Runtime.at(folder)
         self._inputs = _FedInputs(self._port)
         hardware = Hardware(description, self._port, self._protocol)
@@ -280,7 +280,7 @@ class _FedWorkshop(Workshop):
         if done is None:
             self._inputs.unlike.append((f"controller {slot}", "state", state.name.lower(), "not made yet"))
         elif (done.slot, done.state) != (slot, state):
-            told = f"{done.state.name.lower()} {self.error(done.slot)}".strip()
+            told = f"{done.state.name.lower()}: {self.error(done.name)}".removesuffix(": ")
             self._inputs.unlike.append((f"controller {done.name or slot}", "state", state.name.lower(), told))
         return done
 

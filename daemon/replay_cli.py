@@ -65,7 +65,7 @@ def _replayed(loop: FiledLoop, number: int, robot: str | None, most: int | None)
         typer.echo(f"loop {number} of the recording: {start.robot}, {start.clock} clock")
         kinematics = Kinematics(description)
         warm_up(kinematics)
-        replayed = Replay(description, kinematics, start.clock == "lockstep", Path(folder))
+        replayed = Replay(kinematics, start.clock == "lockstep", Path(folder))
         try:
             found = replayed.run(_shown(itertools.islice(cycles(loop.entries()), most)))
         except ValueError as error:

@@ -110,10 +110,10 @@ class Workshop:
             return self._done.get(timeout=patience_s)
         return None
 
-    def error(self, slot: int) -> str:
-        """Why what is loaded there could not be made; "": it could."""
-        entry = self._entries.get(slot)
-        return entry.error if entry is not None else ""
+    def error(self, name: str) -> str:
+        """Why a controller of this name failed last, or could not be made: the exception's own line; "": it never did."""
+        told = [news.detail for news in list(self._roster.news) if news.name == name and news.detail]
+        return told[-1].splitlines()[-1] if told else ""
 
     def close(self) -> None:
         """Have the thread end, when it has done what it was given; not waited for longer than a second."""

@@ -12,7 +12,7 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 | /tf | foxglove.FrameTransforms | moving links, tools and template instances in base_link, 25 Hz |
 | /camera/NAME | foxglove.PointCloud | what a depth camera sees, in base_link, as it comes |
 | /tool/ARM | foxglove.PoseInFrame | the tool's contact point, 25 Hz |
-| /daemon_status, /action, /run_state, /instance, /plan, /prompt, /prompt_closed | handrail.* | as they come |
+| /daemon_status, /action, /controller, /run_state, /instance, /plan, /prompt, /prompt_closed | handrail.* | as they come |
 | /can/CHANNEL | handrail.BusStatistics | with each DaemonStatus |
 | /device/NAME | handrail.ImuState, ForceTorqueState, GripperState, PowerState | each DeviceStates (25 Hz) |
 | /log | foxglove.Log | as they come |
@@ -40,6 +40,7 @@ from handrail import cloud, foxglove
 from handrail.config import ConfigError
 from handrail.messages import (
     ActionEvent,
+    ControllerEvent,
     DaemonEvent,
     DaemonStatus,
     DeviceStates,
@@ -71,6 +72,7 @@ BATCH_S = 0.05
 _AS_THEY_COME: dict[type, str] = {
     DaemonStatus: "/daemon_status",
     ActionEvent: "/action",
+    ControllerEvent: "/controller",
     RunState: "/run_state",
     InstanceState: "/instance",
     PlanPreview: "/plan",

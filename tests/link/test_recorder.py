@@ -21,6 +21,7 @@ from handrail.messages import (
     ActionEvent,
     Base,
     BusStatistics,
+    ControllerEvent,
     DaemonEvent,
     DaemonStatus,
     DeviceStates,
@@ -36,7 +37,7 @@ from handrail.messages import (
     RobotState,
     RunState,
 )
-from handrail.recorder import TRANSFORM_PERIOD_NS, FileClock, Links, Recording
+from handrail.recorder import _AS_THEY_COME, TRANSFORM_PERIOD_NS, FileClock, Links, Recording
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 10_000_000
@@ -171,6 +172,7 @@ class TestARecording:
             *(state(cycle) for cycle in range(1, 101)),
             msgspec.structs.replace(STATUS, buses=buses),
             ActionEvent(id="a", state="ended", outcome="done", time_ns=STEP_NS, cycle=5),
+            ControllerEvent(name="sway", state="inactive", time_ns=STEP_NS, cycle=6),
             run,
             INSTANCE,
             LogLine(source="engine", level="warning", text="retry"),
@@ -178,9 +180,22 @@ class TestARecording:
         reader, rows = recorded(messages)
         counts = Counter(channel.topic for _, channel, _, _ in rows)
         assert counts["/joint_states"] == counts["/joint_commands"] == 100
-        for topic in ("/daemon_status", "/can/can0", "/can/can1", "/action", "/run_state", "/instance", "/log"):
+        for topic in (
+            "/daemon_status",
+            "/can/can0",
+            "/can/can1",
+            "/action",
+            "/controller",
+            "/run_state",
+            "/instance",
+            "/log",
+        ):
             assert counts[topic] == 1, topic
         assert reader.get_summary().statistics.message_count == len(rows)
+
+    def test_has_a_topic_for_whatever_is_said(self):
+        said = {*get_args(DaemonEvent), *get_args(EngineEvent)}
+        assert said - _AS_THEY_COME.keys() == {RobotState, DeviceStates, LogLine}, "which have forms of their own"
 
     def test_devices_have_a_topic_each_with_their_own_schema(self):
         _, rows = recorded([DEVICES])

@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 
 from daemon.exchange import ActionState, Outcome
+from daemon.tape import TapeWriter
 from daemon.warm_up import warm_up
 from hal.drives.protocol import LimbProtocol
 from hal.plant.bullet import pybullet as p
@@ -47,11 +48,13 @@ class PlantPort(DirectPort):
 class InPlant(Bench):
     """A loop, and a world that is asked for the truth."""
 
-    def __init__(self, folder: Path, description: RobotDescription, scene: Scene = EMPTY):
+    def __init__(
+        self, folder: Path, description: RobotDescription, scene: Scene = EMPTY, tape: TapeWriter | None = None
+    ):
         kinematics = Kinematics(description)
         self.world = World(description, scene)
         self.port = PlantPort(self.world)
-        super().__init__(folder, description, kinematics, LimbProtocol(description), self.port)
+        super().__init__(folder, description, kinematics, LimbProtocol(description), self.port, tape)
         self.kinematics = kinematics
 
     def enable(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.exchange import Answer, Flag, Kind
+from daemon.exchange import Answer, ControllerState, Flag, Kind
 from daemon.recorded_loop import Cycle, cycles
 from daemon.replay import Replay
 from daemon.tape import Entry, TapeReader, TapeWriter
@@ -20,6 +21,7 @@ from daemon.taping import TapedPort
 from hal.can import frames
 from hal.drives.lifecycle import State
 from handrail.messages import CompliantMotion, ContactEnd, Step, TimeEnd
+from tests.daemon.loop.conftest import SWAY, Desk
 
 JOINT, OTHER_LIMB = "arm_right_1_joint", "arm_left_4_joint"
 
@@ -39,9 +41,9 @@ def entries(bench: Any) -> list[Entry]:
 
 
 @pytest.fixture
-def replay(talos: Any, talos_kinematics: Any, tmp_path_factory: Any) -> Iterator[Replay]:
+def replay(talos_kinematics: Any, tmp_path_factory: Any) -> Iterator[Replay]:
     folder = Path(tmp_path_factory.mktemp("r"))
-    made = Replay(talos, talos_kinematics, True, folder)
+    made = Replay(talos_kinematics, True, folder)
     yield made
     made.close()
 
@@ -211,3 +213,78 @@ def test_a_cycle_that_is_missing_is_named(taped: Any) -> None:
     taped.run(10)
     with pytest.raises(ValueError, match="cycle 6 follows where 5 should"):
         list(cycles(entry for entry in entries(taped) if entry.cycle != 5))
+
+
+@pytest.fixture
+def loaded(taped: Any, workspace: Path) -> Any:
+    """A user's controller has been loaded, switched on for a while, and off; a kind that there is not was asked for, too."""
+    desk = Desk(taped)
+    taped.enable()
+    slot = desk.load("swaying", "sway", [JOINT])
+    assert desk.switch([slot]) is Answer.ACCEPTED
+    taped.run(30)
+    assert desk.settle(desk.begin("nothing", "levitate", [OTHER_LIMB])) is ControllerState.EMPTY
+    taped.run(30)
+    assert desk.switch((), [slot]) is Answer.ACCEPTED
+    taped.run(5)
+    return taped
+
+
+def test_controllers_that_were_loaded_are_made_anew_and_are_there_in_the_same_cycle(
+    loaded: Any, replay: Replay
+) -> None:
+    recorded = list(cycles(entries(loaded)))
+    assert sum(len(cycle.controllers) for cycle in recorded) == 2
+    same(replay, recorded)
+
+
+def test_a_users_controller_that_was_changed_meanwhile_is_found(loaded: Any, replay: Replay, workspace: Path) -> None:
+    recorded = list(cycles(entries(loaded)))
+    (workspace / "sway.py").write_text(SWAY.replace("0.1 * (1 - np.cos", "0.11 * (1 - np.cos"))
+    found = replay.run(recorded)
+    assert found is not None and (found.node, found.field) == (JOINT, "position")
+
+
+def test_a_controller_that_can_not_be_made_any_more_is_a_difference_with_its_error(
+    loaded: Any, replay: Replay, workspace: Path
+) -> None:
+    recorded = list(cycles(entries(loaded)))
+    (workspace / "sway.py").write_text(SWAY.replace("import numpy as np", "import no_such_library"))
+    found = replay.run(recorded)
+    assert found is not None and (found.node, found.field) == ("controller swaying", "state")
+    assert found.cycle == next(cycle.number for cycle in recorded if cycle.controllers)
+    assert found.recorded == "inactive" and "no_such_library" in found.replayed
+
+
+def test_cycles_of_the_wall_clock_have_their_times_again_and_their_missed_periods(
+    talos: Any, make_bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    hasty = dataclasses.replace(talos, stop_after_misses=3)
+    bench = make_bench(hasty, tape=True)
+    loop, began = bench.loop, 123_456_789_012
+    loop.lockstep, loop.time_ns = False, began
+
+    def run(cycles: int) -> None:
+        for _ in range(cycles):
+            loop.time_ns += loop.period_ns
+            bench.run()
+
+    run(3)
+    bench.post(Kind.ENABLE)
+    run(20)
+    bench.post_start(bench.move(JOINT, 0.2, 0.2), expires_ns=loop.time_ns + 2 * loop.period_ns)
+    loop.skip(2)
+    loop.time_ns += 2 * loop.period_ns
+    run(1)
+    assert Answer(int(bench.snapshot()["answer"])) is Answer.EXPIRED, "by the time that went by"
+    bench.post_start(bench.move(JOINT, 0.2, 0.2))
+    run(20)
+    loop.skip(3)
+    run(5)
+    assert bench.snapshot()["flags"] & Flag.STOPPED
+    replayed = Replay(loop.robot.kinematics, False, tmp_path)
+    recorded = list(cycles(entries(bench)))
+    try:
+        same(replayed, recorded)
+    finally:
+        replayed.close()

@@ -13,6 +13,7 @@ import pytest
 from daemon import exchange
 from daemon.controllers.whole_body import WholeBodyControl
 from daemon.exchange import Answer, Kind
+from daemon.tape import TapeWriter
 from daemon.whole_body_door import WholeBodyDoor
 from hal.plant.scene import EMPTY, Scene
 from handrail.messages import EndCondition, StartAction, StreamPose, WholeBody
@@ -24,8 +25,15 @@ from tests.daemon.compliant.conftest import InPlant
 class WholeBodyBench(InPlant):
     """Gives the loop what the server would: checked, prepared, started."""
 
-    def __init__(self, folder: Path, description: RobotDescription, scene: Scene, door: WholeBodyDoor):
-        super().__init__(folder, description, scene)
+    def __init__(
+        self,
+        folder: Path,
+        description: RobotDescription,
+        scene: Scene,
+        door: WholeBodyDoor,
+        tape: TapeWriter | None = None,
+    ):
+        super().__init__(folder, description, scene, tape)
         self.door = door
         self.started = 0
 
@@ -80,9 +88,10 @@ def door(talos: RobotDescription) -> WholeBodyDoor:
 def in_plant(talos: RobotDescription, door: WholeBodyDoor) -> Iterator[Callable[..., WholeBodyBench]]:
     made: list[tuple[WholeBodyBench, Path]] = []
 
-    def make(scene: Scene = EMPTY) -> WholeBodyBench:
+    def make(scene: Scene = EMPTY, tape: bool = False) -> WholeBodyBench:
         folder = Path(tempfile.mkdtemp(prefix="hr", dir="/dev/shm"))
-        made.append((WholeBodyBench(folder, talos, scene, door), folder))
+        written = TapeWriter(folder / "loop.tape") if tape else None
+        made.append((WholeBodyBench(folder, talos, scene, door, written), folder))
         made[-1][0].enable()
         return made[-1][0]
 

@@ -12,6 +12,9 @@ import pytest
 from daemon import exchange
 from daemon.controllers import whole_body
 from daemon.exchange import Answer, Kind, PreparedMotion
+from daemon.recorded_loop import cycles
+from daemon.replay import Replay
+from daemon.tape import TapeReader
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.tasks import SE3
 from daemon.whole_body_door import WholeBodyDoor, folders
@@ -185,3 +188,23 @@ def test_what_can_not_be_made_is_refused_and_the_loop_goes_on(in_plant) -> None:
     bench._mailbox.post(header, payload)
     assert Answer(int(bench.run()["answer"])) is Answer.NOT_READY
     assert bench.run(3)["flags"] & exchange.Flag.ENABLED
+
+
+def test_a_whole_body_motion_is_made_anew_in_a_replay_and_commands_the_same(in_plant, tmp_path) -> None:
+    bench = in_plant(tape=True)
+    assert bench.begin(WholeBody(compound=GOOD)) is Answer.ACCEPTED
+    bench.run(60)
+    bench.cancel()
+    bench.run_to_end()
+    tape = TapeReader(bench.runtime.folder / "loop.tape")
+    assert tape.attach()
+    _, *taped = tape.read()
+    recorded = list(cycles(taped))
+    assert [found for cycle in recorded for found in cycle.motions] == [True]
+    replayed = Replay(bench.kinematics, True, tmp_path)
+    try:
+        found = replayed.run(recorded)
+    finally:
+        replayed.close()
+    assert found is None, found
+    assert replayed.compared == bench.loop.cycles

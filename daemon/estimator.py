@@ -109,6 +109,9 @@ class BaseEstimator:
         feet, n = description.feet, len(description.feet)
         self.state = BaseState(n)
         self._joints, self._devices, self._period = joints, devices, period
+        self._time_ns: int | None = None
+        self._passed = 0.0
+        """s since the cycle before"""
         imu = next(row for row, device in enumerate(description.devices) if device.family == "imu")
         links = [description.devices[imu].link, *(foot.link for foot in feet)]
         model = self._model = _reduced(kinematics, links)
@@ -151,7 +154,9 @@ class BaseEstimator:
         self.state.source[0], self.state.trouble[0] = BaseSource.NONE, Trouble.IMU_SILENT
 
     def update(self, time_ns: int) -> None:
-        """Once a cycle, when the bus has been read. time_ns: the robot's clock."""
+        """Once a cycle, when the bus has been read. time_ns: the robot's clock, by which it goes on where periods were missed."""
+        passed = 0.0 if self._time_ns is None else (time_ns - self._time_ns) * 1e-9
+        self._passed, self._time_ns = min(max(passed, 0.0), IMU_AGE * self._period), time_ns
         joints, age = self._joints, self._devices.age
         joints.position.take(self._rows, out=self._q, mode="clip")
         joints.velocity.take(self._rows, out=self._v, mode="clip")
@@ -170,7 +175,7 @@ class BaseEstimator:
     def _estimate(self) -> int:
         return int(
             _estimate(
-                self._period,
+                self._passed,
                 self._gains[0],
                 self._devices.age[self._marks[_IMU]],
                 self._x,

@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-ROOT, ROBOT = Path(__file__).resolve().parent.parent, "talos_upper"
+ROOT, ROBOT, FREE = Path(__file__).resolve().parent.parent, "talos_upper", "talos"
 
 
 def main() -> None:
@@ -76,6 +76,19 @@ def _robot() -> None:
     codec, crc = Codec.from_file(DBC_FILES["limb_fd"]), np.zeros(8, np.uint64)
     codec.decode("Sync", codec.encode("Sync", np.zeros((1, 1)), records))
     crc_of(crc, 0, 0, 8, 0)
+
+
+def _base() -> None:
+    """What estimates where a free base is."""
+    from daemon.estimator import BaseEstimator
+    from hal.device import DeviceState
+    from hal.joint import JointState
+    from handrail.robot import description as robots
+    from handrail.robot.kinematics import Kinematics
+
+    description = robots.load(FREE)
+    joints, devices = JointState(len(description.joints)), DeviceState(len(description.devices))
+    BaseEstimator(Kinematics(description), joints, devices, description.period_ns * 1e-9).update(0)
 
 
 def _arms() -> None:

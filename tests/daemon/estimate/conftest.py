@@ -24,9 +24,9 @@ from handrail.robot.kinematics import Kinematics
 PERIOD_MS = 2
 PUSHED_MS, PUSH = (300, 400), (60.0, 150.0, 0.0)
 """N, world axes, on the pelvis, while it stands on its brakes: one foot leaves the floor, then the other"""
-ENABLED_MS, LIFTED_MS, LIFT_MS, LIFT = 900, 1600, 200, {3: -0.75, 4: 1.5, 5: -0.75}
+ENABLED_MS, LIFTED_MS, LIFT_MS, LIFT = 700, 1300, 200, {3: -0.75, 4: 1.5, 5: -0.75}
 """It stands by its drives from the one on, and draws its left leg up at the other: rad, by the number in the joint's name"""
-SECONDS = 2.0
+SECONDS = 1.66
 
 
 @dataclass

@@ -60,7 +60,7 @@ def test_a_standing_robots_states_have_its_base_and_contacts_until_its_imu_falls
     world = World(standing.description)
     port = DeafPort(world)
     bench = make(standing, port)
-    base = _base(bench, bench.run(150))
+    base = _base(bench, bench.run(100))
     assert base is not None
     truth = world.truth().base_in_world
     assert base.source == "feet"

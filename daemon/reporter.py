@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal
@@ -18,6 +19,7 @@ from daemon.exchange import (
     active_controllers,
     isolated_limbs,
     robot_state,
+    snapshot_dtype,
 )
 from daemon.journal import Journal, Started
 from handrail.messages import (
@@ -63,6 +65,14 @@ class Reporter:
         self._timed = 0
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
         self._signature: object = None
+        record = snapshot_dtype(description)
+        self._of_actions = _bytes_of(record, *(("actions", field) for field in _MARK))
+        self._of_status = _bytes_of(
+            record,
+            *(("flags",), ("stop_reason",), ("claims",), ("error",), ("holds",)),
+            *(("actions", "serial"), ("actions", "state")),
+        )
+        self._marks = np.zeros(len(self._of_actions), np.uint8)
         self._columns = columns or {}
         self._feet = [foot.name for foot in description.feet]
 
@@ -75,11 +85,14 @@ class Reporter:
         self._time(snapshots)
         tick = before // STATE_PERIOD_NS
         # Only snapshots in which some action changed are looked at one by one.
-        slots = snapshots["actions"]
-        told = np.zeros(len(snapshots), bool)
-        told[0] = True
-        for field in _MARK:
-            told[1:] |= (slots[field][1:] != slots[field][:-1]).any(axis=1)
+        marks, told = (
+            snapshots.view(np.uint8).reshape(len(snapshots), -1)[:, self._of_actions],
+            np.zeros(len(snapshots), bool),
+        )
+        if (marks != self._marks).any():
+            told[0] = True
+            told[1:] = (marks[1:] != marks[:-1]).any(axis=1)
+            self._marks = marks[-1].copy()
         for row, (time_ns, news) in enumerate(zip(snapshots["time_ns"].tolist(), told.tolist(), strict=True)):
             if news:
                 yield from self._action_events(snapshots[row])
@@ -115,6 +128,7 @@ class Reporter:
         """The loop has died, or has started anew: every action that it ran has ended. Told once."""
         self.alive = False
         self._slot_states.clear()
+        self._marks[:] = 0
         self._loads.clear()
         time_ns, cycle = (
             (0, 0) if self.snapshot is None else (int(self.snapshot["time_ns"]), int(self.snapshot["cycle"]))
@@ -148,12 +162,9 @@ class Reporter:
             newest = self.snapshot
             signature = (
                 self.alive,
-                int(newest["flags"]),
+                newest.reshape(1).view(np.uint8)[self._of_status].tobytes(),
                 drive_marks(newest),
                 *device_problems(newest, self._description),
-                *(newest[field].tobytes() for field in ("stop_reason", "claims", "error", "holds")),
-                newest["actions"]["serial"].tobytes(),
-                newest["actions"]["state"].tobytes(),
             )
         if signature == self._signature:
             return False
@@ -253,6 +264,15 @@ class Reporter:
             )
             for row, channel in enumerate(self._description.channels)
         ]
+
+
+def _bytes_of(record: np.dtype, *fields: tuple[str, ...]) -> np.ndarray:
+    """Where in a record's bytes some fields lie, each named by its path: looked at as bytes, all of them take one operation."""
+    whole = np.zeros(1, record)
+    for path in fields:
+        part = functools.reduce(lambda part, name: part[name], path, whole)
+        part[...] = np.frombuffer(b"\xff" * part.dtype.itemsize, part.dtype)[0]
+    return np.flatnonzero(whole.view(np.uint8))
 
 
 def _ended(started: Started, why: str, time_ns: int, cycle: int) -> ActionEvent:

@@ -89,8 +89,7 @@ class StateRingReader:
         self.missed += first - self._last - 1
         if (fresh := head - first + 1) <= 0:
             return np.zeros(0, self._record)
-        # As rows of bytes: numpy copies a record's fields one by one.
-        copies = _along(self._rows, first, fresh).view(self._slots.dtype)["record"].reshape(fresh)
+        copies = _along(self._rows, first, fresh).view(self._record).reshape(fresh)
         whole = _along(self._numbers, first, fresh) == np.arange(first, head + 1)
         self._last = head
         if whole.all():
@@ -107,9 +106,11 @@ class StateRingReader:
             assert self._file.memory is not None
             self._words = np.frombuffer(self._file.memory, np.int64, WORDS)
             slot = _slot(self._record)
-            self._slots = np.frombuffer(self._file.memory, slot, self._file.count, WORDS * 8)
-            self._rows = self._slots.view(np.uint8).reshape(self._file.count, slot.itemsize)
-            self._numbers = self._slots["sequence"]
+            slots = np.frombuffer(self._file.memory, slot, self._file.count, WORDS * 8)
+            self._numbers = slots["sequence"]
+            # As rows of bytes: numpy copies a record's fields one by one.
+            place = slot.fields["record"][1]  # type: ignore[index]
+            self._rows = slots.view(np.uint8).reshape(-1, slot.itemsize)[:, place : place + self._record.itemsize]
             self._last = max(0, int(self._words[COUNTER]) - 1) if first_ever else 0
         return True
 

@@ -103,11 +103,17 @@ class Service:
     def _advance(self, steps: int) -> None:
         for left in range(steps, 0, -1):
             self.world.step(felt=left == 1)
-            if self._truth is not None and self.world.steps % TRUTH_STEPS == 0:
-                self._truth.send(self.world.truth())
+            if left > 1:
+                self._tell_truth()
         answers = self._node.answer()
         if len(answers) or self.hub.careful:
             self.hub.transmit(answers, self._node.senders[: len(answers)])
+        if steps:  # behind the answers: for these a host waits
+            self._tell_truth()
+
+    def _tell_truth(self) -> None:
+        if self._truth is not None and self.world.steps % TRUTH_STEPS == 0:
+            self._truth.send(self.world.truth())
 
     def run_lockstep(self) -> None:
         """Step when Sync comes; see the module's text."""

@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from daemon.estimator import HOLDS, BaseEstimator, BaseSource, BaseState, Trouble, can_estimate
@@ -166,6 +167,35 @@ def test_a_robot_that_hangs_still_does_not_drift_though_its_accelerometer_is_off
     assert estimator.state.contact.tolist() == [0, 0]
     assert np.linalg.norm(estimator.state.pose[:3]) < 0.005
     assert np.linalg.norm(estimator.state.twist) < 0.005
+
+
+def test_a_torso_that_swings_with_the_imu_on_it_does_not_move_the_base(standing):
+    robot, model = standing.description, standing.model
+    joints, devices = JointState(len(robot.joints)), DeviceState(len(robot.devices))
+    joints.age[:] = devices.age[:] = 0
+    joints.position[:] = robot.home_position()
+    estimator, data = BaseEstimator(standing, joints, devices, 0.002), model.createData()
+    rows, frame = robot.index(["torso_1_joint", "torso_2_joint"]), standing.frame_id("imu_link")
+    columns, swing, speed = standing.index_v[rows], np.array([0.3, 0.15]), 2.0 * math.pi * 0.5
+    velocity, acceleration = np.zeros(model.nv), np.zeros(model.nv)
+    worst = np.zeros(3)
+    for cycle in range(1500):
+        phase = speed * max(0, cycle - 300) * 0.002
+        joints.position[rows] = swing * (1.0 - math.cos(phase)) / 2
+        joints.velocity[rows] = velocity[columns] = swing * speed * math.sin(phase) / 2
+        acceleration[columns] = swing * speed**2 * math.cos(phase) / 2 if cycle > 300 else 0.0
+        pin.forwardKinematics(model, data, standing.configuration(joints.position), velocity, acceleration)
+        pin.updateFramePlacement(model, data, frame)
+        rotation = data.oMf[frame].rotation
+        devices.values[0, 4:7] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).angular
+        felt = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
+        devices.values[0, 7:10] = felt + rotation.T @ [0.0, 0.0, GRAVITY]
+        estimator.update(cycle * 2_000_000)
+        base = estimator.state
+        away = np.linalg.norm(base.pose[:3]), np.linalg.norm(base.pose[3:6]), np.linalg.norm(base.twist)
+        worst = np.maximum(worst, away if cycle > 300 else 0.0)
+    assert (worst < (0.003, 0.003, 0.02)).all()
+    assert estimator.state.source[0] == BaseSource.STILL
 
 
 def test_a_robot_that_falls_with_no_foot_on_the_ground_says_that_errors_grow(played):

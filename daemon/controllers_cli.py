@@ -6,6 +6,7 @@ import fnmatch
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,7 @@ import typer
 from daemon.cli import RUNTIME, aligned, ask
 from handrail.messages import (
     ConfigureController,
+    ControllerEvent,
     ControllerInfo,
     ControllerList,
     GetControllers,
@@ -24,12 +26,15 @@ from handrail.messages import (
     SwitchControllers,
     UnloadController,
 )
+from handrail.runtime import Runtime
+from handrail.topics import Subscriber
 
 controllers = typer.Typer(help="Controllers.", no_args_is_help=True, add_completion=False)
 
 _PATIENCE_S = 120.0
 """for a controller to be made: compiling its kernels for the first time takes long"""
-_LOOK_S = 0.05
+_LOOK_S = 1.0
+"""an event is waited for, and looked for itself in case that it came before this process heard any"""
 
 _Runtime = Annotated[Path | None, RUNTIME]
 _Parameters = Annotated[str | None, typer.Option(help="What its kind takes: a JSON object, or @FILE with one.")]
@@ -87,8 +92,9 @@ def load(
         fallback=fallback or [],
         configure=not unconfigured,
     )
-    ask(verb, call, runtime)
-    _wait(verb, name, runtime)
+    with _heard(verb, runtime) as events:
+        ask(verb, call, runtime)
+        _wait(verb, name, runtime, events)
 
 
 @controllers.command()
@@ -99,8 +105,10 @@ def configure(
 ) -> None:
     """Make a controller anew, with other parameters or after it has failed, and wait until it is inactive."""
     verb = "controllers configure"
-    ask(verb, ConfigureController(name=name, parameters=_object(verb, parameters)), runtime)
-    _wait(verb, name, runtime)
+    call = ConfigureController(name=name, parameters=_object(verb, parameters))
+    with _heard(verb, runtime) as events:
+        ask(verb, call, runtime)
+        _wait(verb, name, runtime, events)
 
 
 @controllers.command()
@@ -147,7 +155,15 @@ def _object(verb: str, given: str | None) -> dict[str, Any] | None:
         sys.exit(f"handrail {verb}: --parameters {given}: {error}; expected a JSON object, or @FILE with one")
 
 
-def _wait(verb: str, name: str, runtime: Path | None) -> None:
+def _heard(verb: str, runtime: Path | None) -> closing[Subscriber]:
+    """What is told of controllers from now on."""
+    try:
+        return closing(Subscriber(Runtime.at(runtime, make=False).endpoint("daemon.events"), ControllerEvent))
+    except ValueError as error:
+        sys.exit(f"handrail {verb}: {error}")
+
+
+def _wait(verb: str, name: str, runtime: Path | None, events: Subscriber) -> None:
     """Until the controller is made, or is known not to be."""
     deadline = time.monotonic() + _PATIENCE_S
     while time.monotonic() < deadline:
@@ -160,5 +176,6 @@ def _wait(verb: str, name: str, runtime: Path | None) -> None:
         if info.state != "loading":
             print(f"{name} is {info.state}")
             return
-        time.sleep(_LOOK_S)
+        while (event := events.receive(_LOOK_S)) is not None and event.name != name:
+            pass
     sys.exit(f"handrail {verb}: {name} is still loading after {_PATIENCE_S:g} s (handrail controllers list)")

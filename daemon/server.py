@@ -53,8 +53,6 @@ _STOP_TIMEOUT_S = 0.3
 _STATUS_PERIOD_S = 0.2
 _WATCH_PERIOD_S = 0.1
 _RECONNECT_S = 0.3
-_ROSTER_WAIT_S = 0.005
-"""the roster is a file, and rings no bell: it is there a moment after the snapshot that names it"""
 _ABOUT_CONTROLLERS = (exchange.Answer.CONTROLLER_STATE, exchange.Answer.CHAIN_BROKEN, exchange.Answer.NOT_ACTIVATED)
 _NO_LOOP = "the daemon's loop is not running; its supervisor starts it anew, and nothing moves before Enable"
 
@@ -302,7 +300,7 @@ class Server:
                 return snapshot
             if (left := deadline - time.monotonic()) <= 0:
                 raise refuse(f"the daemon's loop has not said in {_ANSWER_TIMEOUT_S:g} s which controllers are loaded")
-            self._doorbell.wait(min(left, _ROSTER_WAIT_S))
+            self._doorbell.wait(left)
 
     def _ask_about_controllers(self, encode: Any, call: m.Message) -> None:
         self._with_roster()

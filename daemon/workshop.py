@@ -27,6 +27,7 @@ import numpy as np
 
 from daemon.controllers.base import ChainableController, Controller, Gains, Setup, rows_of
 from daemon.controllers.registry import KINDS, find_kind
+from daemon.doorbell import Bell, server_doorbell
 from daemon.exchange import LOADED_CODE, ControllerState
 from daemon.robot_state import RobotState
 from daemon.roster import NEWS_KEPT, Loaded, News, Roster, write_roster
@@ -89,6 +90,7 @@ class Workshop:
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._open, self._ended = False, _thread.allocate_lock()
         self._done: queue.SimpleQueue[Done] = queue.SimpleQueue()
+        self._server = Bell(server_doorbell(file.parent))
         write_roster(file, self._roster)
 
     def put(self, job: Job) -> None:
@@ -247,6 +249,7 @@ class Workshop:
         self._roster.number, self._roster.loaded = when.roster, list(self._entries.values())
         try:
             write_roster(self._file, self._roster)
+            self._server.ring()
         except OSError as error:
             print(
                 f"daemon loop: {self._file}: {error}; which controllers are loaded is not told",

@@ -49,6 +49,16 @@ class Look(msgspec.Struct, tag=True, kw_only=True):
     anew: bool = False
 
 
+class Await(msgspec.Struct, tag=True, kw_only=True):
+    """As Look, answered once the plant's clock is at `until_ns`, or the drives of `joints` are all in `state` (CiA 402, lower
+    case); after `patience_s` of wall time in any case: nobody else is let in meanwhile."""
+
+    until_ns: int | None = None
+    joints: list[str] = []
+    state: str = ""
+    patience_s: float = 1.0
+
+
 class Recall(msgspec.Struct, tag=True, kw_only=True):
     """Where the joints were at a moment of the last minute (ns of the plant's clock), to 10 ms."""
 
@@ -113,7 +123,7 @@ class No(msgspec.Struct, tag=True):
     why: str
 
 
-Request = Fail | Push | Place | Look | Recall
+Request = Fail | Push | Place | Look | Await | Recall
 encode = msgspec.msgpack.encode
 decode_request = msgspec.msgpack.Decoder(Request).decode
 _decode_answer = msgspec.msgpack.Decoder(Seen | Was | Done | No).decode

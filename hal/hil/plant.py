@@ -9,14 +9,13 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from hal.drives.lifecycle import State
-from hal.hil.door import Done, Door, Fail, Look, Place, Push, Recall, Seen, Transition, Was
+from hal.hil.door import Await, Done, Door, Fail, Look, Place, Push, Recall, Seen, Transition, Was
 from hal.hil.names import joints_of
 from handrail.messages import GroundTruth
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 
 _STATES = [state.name.lower() for state in State]
-_LOOK_S = 0.004
 POSITION_SLACK = 0.02
 """rad beyond a position limit that is still called within it: the bus's and the spring's give"""
 SPEEDING_NS = 5_000_000
@@ -55,10 +54,14 @@ class Plant:
         """Let so much of the plant's time go by. Raises AssertionError when it does not."""
         until = self.time_ns + round(seconds * 1e9)
         deadline = time.monotonic() + timeout_s
-        while (truth := self.truth()).time_ns < until:
+        while (truth := self._await(Await(until_ns=until)).truth).time_ns < until:
             assert time.monotonic() < deadline, f"the plant's time stands at {truth.time_ns * 1e-9:.3f} s"
-            time.sleep(_LOOK_S)
         return truth
+
+    def _await(self, request: Await) -> Seen:
+        answer = self._door.ask(request)
+        assert isinstance(answer, Seen)
+        return answer
 
     def joints_at(self, time_ns: int, timeout_s: float = 60.0) -> dict[str, float]:
         """Where the joints are (rad) at a moment of the plant's clock, waited for; or were, within the last minute; to 10 ms.
@@ -78,13 +81,12 @@ class Plant:
         deadline = time.monotonic() + timeout_s
         wanted = joints_of(self._description, joints)
         while True:
-            seen = self.look()
+            seen = self._await(Await(joints=wanted, state=state))
             states = dict(zip(seen.joints, seen.states, strict=True))
             if all(states[joint] == state for joint in wanted):
                 return seen.truth.time_ns
             others = {joint: states[joint] for joint in wanted if states[joint] != state}
             assert time.monotonic() < deadline, f"not {state} after {timeout_s:g} s: {others}"
-            time.sleep(_LOOK_S)
 
     @contextlib.contextmanager
     def window(self) -> Iterator[Window]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from hal.can.hub import Hub
 from hal.drives.lifecycle import DriveError, State
 from hal.drives.protocol import LimbProtocol
 from hal.hil import door
-from hal.hil.door import Done, Fail, Look, No, Place, Push, Recall, Seen, Transition, Was
+from hal.hil.door import Await, Done, Fail, Look, No, Place, Push, Recall, Seen, Transition, Was
 from hal.plant import scene, service
 from hal.plant.bullet import pybullet as p
 from hal.plant.drive_node import STEP_NS
@@ -113,6 +114,8 @@ class WatchedWorld(World):
     def answer(self, request: door.Request) -> Seen | Was | Done | No:
         """Do what a test asks."""
         match request:
+            case Await():
+                return self._seen()
             case Look(anew=anew):
                 seen = self._seen()
                 if anew:
@@ -145,6 +148,13 @@ class WatchedWorld(World):
                 self._begin()
         return Done(self.time_ns)
 
+    def has_come(self, awaited: Await) -> bool:
+        """Whether what a test waits for is the case."""
+        if awaited.until_ns is not None:
+            return self.time_ns >= awaited.until_ns
+        names, states = self.description.joints, self.drives.state
+        return all(State(int(states[names.index(joint)])).name.lower() == awaited.state for joint in awaited.joints)
+
     def _seen(self) -> Seen:
         drives = self.drives
         return Seen(
@@ -172,15 +182,30 @@ class Doorkeeper:
         self._door: zmq.Socket = zmq.Context.instance().socket(zmq.REP)
         self._door.setsockopt(zmq.LINGER, 0)
         self._door.bind(door.endpoint(runtime))
+        self._awaited: tuple[Await, float] | None = None
+        """what has not come yet, and until when by the monotonic clock it is waited for"""
 
     def poll(self, timeout_s: float | None = 0.0) -> npt.NDArray[np.void]:
         """As the hub's, but it does not wait long."""
-        while self._door.poll(0):
-            try:
-                answer = self._world.answer(door.decode_request(self._door.recv()))
-            except msgspec.DecodeError as problem:
-                answer = No(f"not a request that is known here: {problem}")
-            self._door.send(door.encode(answer))
+        while self._awaited is not None or self._door.poll(0):
+            if self._awaited is None:
+                try:
+                    request = door.decode_request(self._door.recv())
+                except msgspec.DecodeError as problem:
+                    self._door.send(door.encode(No(f"not a request that is known here: {problem}")))
+                    continue
+                if isinstance(request, Await) and not set(request.joints) <= set(self._world.description.joints):
+                    self._door.send(door.encode(No(f"joints {request.joints}: not of {self._world.description.name}")))
+                    continue
+            else:
+                request = self._awaited[0]
+            if isinstance(request, Await) and not self._world.has_come(request):
+                if self._awaited is None:
+                    self._awaited = request, time.monotonic() + request.patience_s
+                if time.monotonic() < self._awaited[1]:
+                    break
+            self._awaited = None
+            self._door.send(door.encode(self._world.answer(request)))
         return self._hub.poll(_PATIENCE_S if timeout_s is None else min(timeout_s, _PATIENCE_S))
 
     def __getattr__(self, name: str) -> Any:

@@ -1,5 +1,6 @@
 """Controllers that are loaded by name: made beside the loop, switched in one cycle or not at all."""
 
+import contextlib
 import threading
 from pathlib import Path
 
@@ -7,7 +8,10 @@ import msgspec
 import pytest
 
 from daemon.controllers import registry
+from daemon.doorbell import Doorbell, server_doorbell
 from daemon.exchange import CONTROLLERS, Answer, ControllerState, Kind
+from daemon.roster import read_roster
+from daemon.workshop import Job, When, Workshop
 from handrail.messages import ConfigureController, LoadController
 from tests.daemon.loop.conftest import PATIENCE_S, SWAY, Desk
 
@@ -221,3 +225,15 @@ def test_no_more_controllers_are_loaded_than_there_are_slots(desk: Desk) -> None
     assert desk.give(Kind.LOAD, text=msgspec.json.encode(call)) is Answer.TOO_MANY
     assert desk.settle(15) is ControllerState.UNCONFIGURED
     assert len(desk.roster().loaded) == 16
+
+
+def test_the_server_is_woken_when_the_roster_has_been_written(desk: Desk, tmp_path: Path) -> None:
+    loop = desk.bench.loop
+    workshop = Workshop(
+        loop.robot.kinematics, loop.manager.gains, loop.hardware.state, 0.002, tmp_path / "controllers.json"
+    )
+    with contextlib.closing(Doorbell(server_doorbell(tmp_path))) as server:
+        workshop.put(Job(When(roster=7, time_ns=0, cycle=0), slot=3, forget=True))
+        assert server.wait(PATIENCE_S)
+        assert read_roster(tmp_path / "controllers.json").number == 7
+    workshop.close()

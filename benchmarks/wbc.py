@@ -27,13 +27,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from benchmarks.peers import environment
 from benchmarks.rows import Row, against
 from daemon.wbc.constraints import JointLimits
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.tasks import COM, SE3, CartPos, JPos, QuaternionOrientation, Task
 from handrail.robot import description as robots
-from handrail.robot.urdf import cache_folder
 
 Array = NDArray[np.float64]
 
@@ -164,11 +164,11 @@ class Peer:
     def __init__(self, name: str, problem: Problem):
         self.name, self.gone = name, False
         script = Path(__file__).with_name("wbc_peers.py")
-        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
-        environment |= {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+        variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+        variables |= {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
         self._process = subprocess.Popen(
-            [_environment(name) / "bin" / "python", script, name, problem.folder],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True,
+            [environment(name, PEERS[name]) / "bin" / "python", script, name, problem.folder],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=variables, text=True,
         )  # fmt: skip
 
     def times(self, tasks: int, states: str, torque: float, first: int, last: int) -> list[float]:
@@ -203,18 +203,6 @@ class Peer:
         """End it."""
         self._process.kill()
         self._process.wait()
-
-
-def _environment(name: str) -> Path:
-    """The peer's virtual environment. Raises subprocess.CalledProcessError or OSError when it can't be made."""
-    folder = cache_folder().parent / "peers" / "-".join(PEERS[name]).replace("==", "-")
-    if not (folder / "complete").exists():
-        print(f"wbc: making an environment for {name} in {folder}", file=sys.stderr)
-        subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
-        install = [str(folder / "bin" / "pip"), "install", "--quiet", *PEERS[name]]
-        subprocess.run(install, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        (folder / "complete").touch()
-    return folder
 
 
 def peers(problem: Problem) -> list[Peer]:

@@ -133,10 +133,10 @@ class Checker:
         return Measure(c.label, "angle", math.atan2(sine, xx + yy + zz - 1.0), 0.0, c.angle, "rad")
 
     def _balance(self, c: kinds.Balance, q: Array) -> Measure:
-        points = np.array(
-            [self._frame(frame) * np.array(point) for frame, many in c.contacts.items() for point in many]
-        )
-        corners, _ = hull(points[:, :2])
+        corners = c.still
+        if corners is None:
+            points = [self._frame(name).act(np.array(one)) for name, many in c.contacts.items() for one in many]
+            corners = hull(np.array(points)[:, :2])[0]
         ahead = np.roll(corners, -1, axis=0) - corners
         away = pin.centerOfMass(self._mechanism.model, self._data, q)[:2] - corners
         margins = (ahead[:, 0] * away[:, 1] - ahead[:, 1] * away[:, 0]) / np.hypot(ahead[:, 0], ahead[:, 1])

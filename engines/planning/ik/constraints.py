@@ -14,6 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
+from engines.planning.ik.hull import hull
 from engines.planning.ik.scene import Scene
 from handrail.messages import Pose as PoseMessage
 
@@ -314,6 +318,11 @@ class Balance(Constraint):
 
     def _words(self) -> str:
         return "balance"
+
+    @cached_property
+    def still(self) -> NDArray[np.float64] | None:
+        """(k, 2) m, the corners where all contacts are points of the world; None where some go with a frame."""
+        return None if set(self.contacts) - {WORLD} else hull(np.array(self.contacts[WORLD], dtype=float)[:, :2])[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

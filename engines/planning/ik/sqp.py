@@ -83,19 +83,37 @@ class Problem(Protocol):
         """The point a step x away."""
 
 
+class _Quadratic:
+    """Programs with one Hessian, one after the other: its factors are kept, most of the work of a large one."""
+
+    def __init__(self) -> None:
+        self._model, self._rows = daqp.Model(), -1
+        self._model.settings = {"rho_soft": _STIFF, "primal_tol": 1e-9}
+
+    def solve(self, p: Program) -> Array | None:
+        """The step, None when there is none."""
+        if len(p.matrix) == self._rows:
+            failed = self._model.update(None, p.gradient, p.matrix, p.above, p.below, p.kinds) < 0
+        else:
+            self._rows = len(p.matrix)
+            failed = self._model.setup(p.hessian, p.gradient, p.matrix, p.above, p.below, p.kinds)[0] < 0
+        if failed:
+            return None
+        x, _, flag, _ = self._model.solve()
+        return x if flag > 0 and np.isfinite(x).all() else None
+
+
 def descend(problem: Problem, start: Array, settings: Settings) -> Ending:
     """From a point within limits to the nearest end: all constraints kept at a settled cost, or the least violation."""
     point, trust, done = start, _TRUST, 0
+    quadratic = _Quadratic()
     program = problem.linearise(point, trust)
     best: tuple[float, Array] | None = None
     least, idle = program.violation, 0
     while done < settings.iterations:
         done += 1
-        x, _, flag, _ = daqp.solve(
-            program.hessian, program.gradient, program.matrix, program.above, program.below, program.kinds,
-            rho_soft=_STIFF, primal_tol=1e-9,
-        )  # fmt: skip
-        if flag <= 0 or not np.isfinite(x).all():
+        x = quadratic.solve(program)
+        if x is None:
             break
         violation, cost, share = program.violation, program.cost, 1.0
         while True:

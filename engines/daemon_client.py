@@ -63,9 +63,11 @@ class ActionWatch:
 class DaemonClient:
     """What the engine knows of the daemon and asks it to do."""
 
-    def __init__(self, runtime: Runtime, joints: int, *, log: Callable[[str], None] = lambda text: None):
-        """`joints`: how many the robot has; states with another number are not taken."""
-        self._runtime, self._joints, self._log = runtime, joints, log
+    def __init__(
+        self, runtime: Runtime, joints: int, *, owner: str = OWNER, log: Callable[[str], None] = lambda text: None
+    ):
+        """`joints`: how many the robot has; states with another number are not taken. `owner`: who commands, as leases name him."""
+        self._runtime, self._joints, self._log, self.owner = runtime, joints, log, owner
         self._lock = threading.Lock()
         self._watches: dict[str, ActionWatch] = {}
         self._command: np.ndarray | None = None
@@ -91,11 +93,11 @@ class DaemonClient:
 
     def hold_time(self, limit_s: float) -> None:
         """Lock-step: stop simulated time while the engine thinks, at most `limit_s` of wall time. A courtesy, never an error."""
-        self._courtesy(HoldTime(owner=OWNER, limit_s=limit_s))
+        self._courtesy(HoldTime(owner=self.owner, limit_s=limit_s))
 
     def release_time(self) -> None:
         """Lock-step: let simulated time go on."""
-        self._courtesy(ReleaseTime(owner=OWNER))
+        self._courtesy(ReleaseTime(owner=self.owner))
 
     def _courtesy(self, message: msgspec.Struct) -> None:
         try:
@@ -171,7 +173,7 @@ class DaemonClient:
 
     def _check_in(self) -> None:
         caller = Caller(self._runtime.endpoint("daemon.call"))
-        message = CheckIn(owner=OWNER)
+        message = CheckIn(owner=self.owner)
         try:
             while not self._closing.wait(_CHECK_IN_S):
                 try:

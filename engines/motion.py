@@ -14,7 +14,8 @@ from typing import get_args
 
 import msgspec
 
-from engines.daemon_client import OWNER, DaemonClient
+from engines.daemon_client import DaemonClient
+from engines.parts import Parts
 from handrail.behaviour_file import BehaviourFile, Robot
 from handrail.messages import (
     ActionEvent,
@@ -67,9 +68,12 @@ class MotionFailed(Exception):
 class Motion:
     """Runs actions for one run; every method may be called from any thread, `run` from one at a time."""
 
-    def __init__(self, daemon: DaemonClient, *, hold_after_s: float = 0.0):
-        """`hold_after_s`: in lock-step, simulated time waits this long (wall time) for the engine after each action."""
-        self._daemon, self._hold_after_s = daemon, hold_after_s
+    def __init__(self, daemon: DaemonClient, parts: Parts, *, hold_after_s: float = 0.0):
+        """`parts`: of the body, held from the first motion that needs them until `end`.
+
+        `hold_after_s`: in lock-step, simulated time waits this long (wall time) for the engine after each action.
+        """
+        self._daemon, self._parts, self._hold_after_s = daemon, parts, hold_after_s
         self._gate = threading.Condition()
         self._paused = False
         self._action = ""
@@ -100,7 +104,7 @@ class Motion:
         :raises MotionFailed: where it could not start, or ended otherwise; `stale` where `still` said why
         """
         message = StartAction(
-            id=self._next(), owner=OWNER, motion=motion, ends=list(ends), hold_after_s=self._hold_after_s
+            id=self._next(), owner=self._daemon.owner, motion=motion, ends=list(ends), hold_after_s=self._hold_after_s
         )
         return self._run(message, cancelled, what, still)
 
@@ -112,13 +116,13 @@ class Motion:
         :raises MotionFailed: as `run` does
         :raises ConfigError: for joints that the robot has not
         """
-        call = behaviour.call(self._next(), OWNER, robot)
+        call = behaviour.call(self._next(), self._daemon.owner, robot)
         message = msgspec.structs.replace(call, hold_after_s=self._hold_after_s)
         return self._run(message, cancelled, what, _always, behaviour.expected)
 
     def _next(self) -> str:
         self._count += 1
-        return f"{OWNER}-{self._name}-{self._count}"
+        return f"{self._daemon.owner}-{self._name}-{self._count}"
 
     def _run(
         self,
@@ -152,6 +156,8 @@ class Motion:
             return event
         if outdated:
             raise MotionFailed("stale", f"{what} was not resumed: {outdated}")
+        if event.outcome == "cancelled" and not cancelled.is_set() and (who := self._parts.taken_over()):
+            raise MotionFailed("taken_over", f"{what} was cancelled: {who}")
         detail = f" ({event.detail})" if event.detail else ""
         raise MotionFailed(event.outcome, f"{what}: {_REASONS.get(event.outcome, event.outcome)}{detail}")
 
@@ -165,7 +171,7 @@ class Motion:
             if why := still():
                 raise MotionFailed("stale", f"{what} was not started: {why}", started=False)
             try:
-                self._daemon.call(message)
+                self._daemon.call(self._parts.hold(message))
             except RefusedError as refused:
                 raise MotionFailed("refused", f"{what}: the daemon refused it: {refused}", started=False) from refused
             except Unreachable as silent:
@@ -193,6 +199,10 @@ class Motion:
         with self._gate:
             self._gate.notify_all()
             self._tell(CancelAction)
+
+    def end(self) -> None:
+        """The run has ended: others may command what it did."""
+        self._parts.give_back()
 
     def settled(self, timeout_s: float) -> bool:
         """Wait until no action runs any more; False when one still does."""

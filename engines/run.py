@@ -15,6 +15,7 @@ from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.activities.execute import check, execute
 from engines.deployment import Deployed
 from engines.motion import Motion
+from engines.parts import Parts
 from engines.plans import PlanRecord
 from engines.program import State
 from engines.statechart import Chart
@@ -44,7 +45,8 @@ class ProgramRun:
 
     def __init__(self, deployed: Deployed, services: Services, publish: Callable[[RunState], None]):
         self._services, self._publish = services, publish
-        self._motion = Motion(services.daemon, hold_after_s=HOLD_S)
+        parts = Parts(services.daemon, services.description.groups)
+        self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S)
         program = deployed.program
         self._parameters = deployed.parameters
         self._context = Context(services, f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
@@ -134,6 +136,7 @@ class ProgramRun:
             self._services.daemon.release_time()
         if not self._motion.settled(_SETTLE_S):
             self._services.log("warning", "the program has ended, but the daemon has not told that its motion has")
+        self._motion.end()
         self._tell(status=status, detail=detail, active=self._chart.active(), data=self._data())
 
     def _data(self) -> dict[str, Any]:
@@ -155,7 +158,8 @@ class PlanExecution:
         """Raises ActivityFailed when the plan is stale, or has no such segments."""
         check(services, record, segments)
         self._services, self._record, self._segments = services, record, segments
-        self._motion, self._cancelled = Motion(services.daemon), threading.Event()
+        parts = Parts(services.daemon, services.description.groups)
+        self._motion, self._cancelled = Motion(services.daemon, parts), threading.Event()
         self._thread = threading.Thread(target=self._drive, name=f"execute {record.plan.id}", daemon=True)
         self._thread.start()
 
@@ -192,6 +196,8 @@ class PlanExecution:
         else:
             level = "info" if ended["outcome"] == "done" else "warning"
             self._services.log(level, f"{label}: {ended['outcome']} after {ended['segment']}")
+        finally:
+            self._motion.end()
 
 
 def _reach(command: Callable[[], None]) -> None:

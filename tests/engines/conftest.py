@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.leases import Leases
 from engines.engine import Engine
 from engines.planning.plan import Infeasible, Plan, Segment
 from handrail import messages as m
@@ -57,6 +58,8 @@ class FakeDaemon:
     def __post_init__(self) -> None:
         self.command = np.array([0.0, -0.3, 0.0])
         self.cycle, self.action = 0, None
+        body = SimpleNamespace(joints=JOINTS, groups={"tool": JOINTS[:2]}, devices=[])
+        self.leases = Leases(body, self.runtime.folder / "leases.json")  # type: ignore[arg-type]
         self._todo: list[Callable[[], None]] = []
         self._end = threading.Event()
         self._ready = threading.Event()
@@ -81,8 +84,10 @@ class FakeDaemon:
         self._thread.join(5)
 
     def kinds(self) -> list[str]:
-        """Names of the calls that came, without the signs of life."""
-        return [type(call).__name__ for call in self.calls if not isinstance(call, m.CheckIn)]
+        """Names of the calls that came, without the signs of life and the leases."""
+        return [
+            type(call).__name__ for call in self.calls if not isinstance(call, m.CheckIn | m.TakeLease | m.ReturnLease)
+        ]
 
     def started(self) -> list[m.StartAction]:
         return [call for call in self.calls if isinstance(call, m.StartAction)]
@@ -109,23 +114,40 @@ class FakeDaemon:
         )
 
         if self.cycle % 10 == 0:
-            running = self.action.id if self.action else ""
-            self.publisher.send(
-                m.DaemonStatus(
-                    time_ns=self.cycle * 2_000_000,
-                    clock="lockstep",
-                    enabled=True,
-                    stopped=False,
-                    drives=[],
-                    controllers={},
-                    action=running,
-                    loop=m.LoopStatistics(),
-                    buses=[],
-                )
-            )
+            self.publisher.send(self._status())
 
-    def _handle(self, call: Any) -> None:
+    def take_over(self, owner: str, part: str) -> None:
+        """Somebody else takes a part over: what runs on it is cancelled."""
+        self._todo.append(lambda: self._take_over(owner, part))
+
+    def _take_over(self, owner: str, part: str) -> None:
+        self.leases.take(owner, part, take_over=True)
+        self._ended("cancelled", 0.5)
+
+    def _status(self) -> m.DaemonStatus:
+        return m.DaemonStatus(
+            time_ns=self.cycle * 2_000_000,
+            clock="lockstep",
+            enabled=True,
+            stopped=False,
+            drives=[],
+            controllers={},
+            action=self.action.id if self.action else "",
+            loop=m.LoopStatistics(),
+            buses=[],
+            leases=self.leases.held(),
+        )
+
+    def _handle(self, call: Any) -> Any:
         self.calls.append(call)
+        if isinstance(call, m.GetStatus):
+            return self._status()
+        if isinstance(call, m.TakeLease):
+            lease, _ = self.leases.take(call.owner, call.part, call.take_over)
+            number = self.leases.sequence(call.owner)
+            return m.Lease(part=lease.part, owner=lease.owner, epoch=lease.epoch, sequence=number)
+        if isinstance(call, m.ReturnLease):
+            return self.leases.give_back(call.owner, call.part, call.epoch)
         if isinstance(call, m.StartAction | m.StartBehaviour):
             self._start(call)
         elif isinstance(call, m.CancelAction | m.PauseAction | m.ResumeAction):
@@ -133,8 +155,11 @@ class FakeDaemon:
                 raise refuse("no such action", "id", call.id, "a running one")
             if isinstance(call, m.CancelAction):
                 self._todo.append(lambda: self._ended("cancelled", 0.5))
+        return None
 
     def _start(self, action: m.StartAction | m.StartBehaviour) -> None:
+        motion = action.motion if isinstance(action, m.StartAction) else action.steps[0].motion
+        self.leases.check(action.owner, motion.joints, action.lease, action.sequence)  # type: ignore[union-attr]
         if isinstance(action, m.StartAction) and isinstance(action.motion, m.JointTrajectory):
             first = np.array(action.motion.positions[0])
             if np.abs(first - self.command[: len(first)]).max() > 0.02:
@@ -264,7 +289,7 @@ class Stack:
         description = SimpleNamespace(
             name="two_joints",
             joints=JOINTS,
-            groups={},
+            groups={"tool": JOINTS[:2]},
             arms={"right": arm, "left": arm},
             velocity_limit=np.array([2.0, 2.0, 2.0]),
             index=lambda names: np.array([JOINTS.index(name) for name in names]),

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
+from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
 from engines.daemon_client import DaemonClient
 from engines.motion import Motion
+from engines.parts import Parts
 from handrail import messages as m
-from handrail.topics import Publisher, Unreachable
+from handrail.topics import Publisher, RefusedError, Unreachable
 
 ELSEWHERE = m.Pose(position=(0.5, -0.3, 0.3))
 
@@ -199,6 +202,56 @@ def test_the_runs_data_are_its_parameters_and_its_variables(stack):
     assert (data["turned_deg"], data["stroke"]) == (0.0, 0)
 
 
+def test_a_run_takes_what_it_moves_and_returns_it_at_its_end(stack, daemon, wait_until):
+    action = begin(stack, daemon, wait_until)
+    (lease,) = daemon.leases.held()
+    assert (lease.part, lease.owner) == ("tool", "engine")
+    assert action.lease == lease.epoch
+    stack.call(m.StopRun())
+    stack.ended()
+    wait_until(lambda: not daemon.leases.held())
+
+
+def test_who_takes_over_cancels_the_run_which_says_so(stack, daemon, wait_until):
+    begin(stack, daemon, wait_until)
+    daemon.take_over("operator", "tool")
+    ended = stack.ended()
+    assert ended.status == "failed"
+    assert "operator has taken over tool" in ended.detail
+    assert len(daemon.started()) == 1
+    assert [lease.owner for lease in daemon.leases.held()] == ["operator"]
+
+
+def test_a_run_does_not_move_what_somebody_else_has(stack, daemon, wait_until):
+    daemon.leases.take("operator", "body")
+    stack.place()
+    stack.run(goal_deg=90)
+    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
+    ended = stack.ended()
+    assert ended.status == "failed"
+    assert "operator's" in ended.detail
+    assert not daemon.started()
+
+
+def test_two_engines_do_not_command_one_arm(runtime, daemon):
+    motion = m.JointTrajectory(joints=["depth"], times=[0, 1], positions=[[-0.3], [-0.2]], velocities=[[0], [0]])
+    daemon.slow = True
+    one, other = (DaemonClient(runtime, 3, owner=name) for name in ("engine", "engine_2"))
+    try:
+        first, second = (Parts(client, {"tool": ("angle", "depth")}) for client in (one, other))
+        start = m.StartAction(id="a", owner="engine", motion=motion)
+        assert first.hold(start).lease == 1
+        with pytest.raises(RefusedError, match="tool is engine's"):
+            second.hold(msgspec.structs.replace(start, owner="engine_2"))
+        numbers = [first.hold(start).sequence for _ in range(2)]
+        assert numbers[1] > numbers[0] > 0
+        first.give_back()
+        assert second.hold(msgspec.structs.replace(start, owner="engine_2")).lease == 2
+    finally:
+        one.close()
+        other.close()
+
+
 class Mute:
     """A daemon that answers nothing but the start of a motion, which never ends."""
 
@@ -214,7 +267,13 @@ class Mute:
         return DaemonClient.watch(self, action)
 
     def __getattr__(self, name):
-        return {"_lock": threading.Lock(), "_watches": {}, "forget": lambda watch: None, "alive": lambda: True}[name]
+        return {
+            "owner": "engine",
+            "_lock": threading.Lock(),
+            "_watches": {},
+            "forget": lambda watch: None,
+            "alive": lambda: True,
+        }[name]
 
     def running_action(self):
         return next(call.id for call in self.calls if isinstance(call, m.StartAction))
@@ -222,7 +281,7 @@ class Mute:
 
 def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_again():
     daemon, cancelled = Mute(), threading.Event()
-    motion = Motion(daemon)  # type: ignore[arg-type]
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
     threading.Thread(target=motion.run, args=(trajectory, (), cancelled), daemon=True).start()
     while not motion._action:

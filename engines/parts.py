@@ -1,0 +1,82 @@
+"""The parts of the body that a run commands: it takes their leases (docs/safety.md) when a motion needs them, and returns them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from engines.daemon_client import DaemonClient
+from handrail.messages import (
+    DaemonStatus,
+    GetStatus,
+    Lease,
+    ReturnLease,
+    StartAction,
+    StartBehaviour,
+    TakeLease,
+    WholeBody,
+)
+from handrail.topics import RefusedError, Unreachable
+
+BODY = "body"
+
+
+class Parts:
+    """What one run holds. An engine has one run at a time, so that its commands' numbers are the run's to count."""
+
+    def __init__(self, daemon: DaemonClient, groups: Mapping[str, Sequence[str]]):
+        """`groups`: the robot's; a motion of joints that none of them has needs the whole body."""
+        self._daemon, self._groups = daemon, groups
+        self._held: dict[str, Lease] = {}
+        self._sequence = 0
+
+    def hold(self, message: StartAction | StartBehaviour) -> StartAction | StartBehaviour:
+        """The message as the holder of all that it moves says it. What somebody else has is never taken over.
+
+        Raises RefusedError, which says whose it is; Unreachable.
+        """
+        for part in self._needed(message):
+            if part not in self._held:
+                self._held[part] = lease = self._daemon.call(TakeLease(owner=self._daemon.owner, part=part))
+                self._sequence = max(self._sequence, lease.sequence)
+        self._sequence += 1
+        newest = max(lease.epoch for lease in self._held.values())
+        return msgspec.structs.replace(message, lease=newest, sequence=self._sequence)
+
+    def taken_over(self) -> str:
+        """Who has taken what this run held, in words; empty where nobody has, or the daemon does not say."""
+        try:
+            status = self._daemon.call(GetStatus())
+        except (RefusedError, Unreachable):
+            return ""
+        leases = status.leases if isinstance(status, DaemonStatus) else []
+        others = [lease for lease in leases if lease.owner != self._daemon.owner]
+        taken = [one for one in others if any(self._meet(one.part, part) for part in self._held)]
+        return ", ".join(f"{one.owner} has taken over {one.part}" for one in taken)
+
+    def give_back(self) -> None:
+        """The run has ended. What the daemon does not hear of, it takes back by itself from an engine that is silent."""
+        for part, lease in self._held.items():
+            with contextlib.suppress(RefusedError, Unreachable):
+                self._daemon.call(ReturnLease(owner=self._daemon.owner, part=part, epoch=lease.epoch))
+        self._held.clear()
+
+    def _needed(self, message: StartAction | StartBehaviour) -> list[str]:
+        steps = message.steps if isinstance(message, StartBehaviour) else []
+        motions = [step.motion for step in steps] if isinstance(message, StartBehaviour) else [message.motion]
+        joints: set[str] = set()
+        for motion in motions:
+            if isinstance(motion, WholeBody):
+                return [BODY]
+            joints.update(motion.joints)
+        parts = [name for name, members in self._groups.items() if joints.intersection(members)]
+        if joints.difference(*(self._groups[name] for name in parts)):
+            return [BODY]
+        return [*parts, *dict.fromkeys(step.gripper.gripper for step in steps if step.gripper is not None)]
+
+    def _meet(self, one: str, other: str) -> bool:
+        if BODY in (one, other) or one == other:
+            return True
+        return not set(self._groups.get(one, ())).isdisjoint(self._groups.get(other, ()))

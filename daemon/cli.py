@@ -28,6 +28,8 @@ from handrail.messages import (
     LoopTiming,
     SafetyReport,
     SafetyRule,
+    Tared,
+    TareSensor,
     TimeDistribution,
 )
 from handrail.runtime import Runtime
@@ -111,6 +113,16 @@ def status(runtime: Annotated[Path | None, RUNTIME] = None) -> None:
     print(*aligned([heads, *map(_row, told.components)]), sep="\n")
     if wrong := [f"{part.name}: {part.problem}" for part in told.components if part.problem]:
         sys.exit("\n".join(f"handrail hardware status: {line}" for line in wrong))
+
+
+@hardware.command()
+def tare(
+    sensor: Annotated[str, typer.Argument(help="A force-torque sensor, as `status` names it.")],
+    runtime: Annotated[Path | None, RUNTIME] = None,
+) -> None:
+    """Let a force-torque sensor forget its offset, while the robot stands and nothing touches what the sensor carries."""
+    told: Tared = ask("hardware tare", TareSensor(sensor=sensor), runtime)
+    print(f"{told.sensor}: {told.offset:.3f} N off, forgotten until the loop ends")
 
 
 @safety.command()

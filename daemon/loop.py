@@ -36,6 +36,7 @@ from daemon.robot_state import RobotState
 from daemon.roster import roster_file
 from daemon.safety.last_word import LastWord
 from daemon.snapshot import SnapshotWriter
+from daemon.taring import Taring
 from daemon.time_holds import TimeHolds
 from daemon.timing import TimingWriter
 from daemon.warm_up import warm_up
@@ -87,6 +88,7 @@ class Loop:
         self.workshop = inputs.workshop(kinematics, gains, hardware.state, period, roster_file(runtime))
         self.controllers = ControllerTable(self.manager, self.workshop)
         self.devices = Devices(description, hardware.devices, hardware.device_command)
+        self.taring = Taring(self.robot)
         self.actions = ActionTable(self.manager, self.robot, self.devices)
         self.life = Life(hardware, self.manager, self.actions, self.devices, description)
         self.holds = TimeHolds(lockstep)
@@ -97,7 +99,7 @@ class Loop:
         self.doorbell, self.server = Doorbell(loop_doorbell(runtime.folder)), PacedBell(server_doorbell(runtime.folder))
         frames, device_names = exchange.frame_names(description), [device.name for device in description.devices]
         maker = inputs.maker(kinematics, gains, period, lockstep)
-        served = (self.life, self.actions, self.controllers, self.devices, self.holds, maker)
+        served = (self.life, self.actions, self.controllers, self.devices, self.holds, maker, self.taring)
         self.orders = Orders(inputs.mailbox, frames, device_names, *served)
         ring = StateRingWriter(runtime.state_ring, exchange.snapshot_dtype(description))
         who = (self.manager, self.life, self.actions, self.controllers, self.orders)
@@ -123,7 +125,8 @@ class Loop:
         self.orders.serve(self.written, self.time_ns)
         self.life.update(self.written, self.time_ns)
         self.devices.update()
-        self.robot.estimate_forces(self.actions.force_frames())
+        self.robot.estimate_forces(self.taring.with_its_frame(self.actions.force_frames()))
+        self.taring.update(enabled=self.life.enabled)
         self.after_end(self.actions.check(self.written))
         command = self.run_controllers()
         self.hardware.write(command, self.cycles)

@@ -71,6 +71,8 @@ class WristSensor:
     def __init__(self, kinematics: Kinematics, link: str, row: int, devices: DeviceState):
         model = kinematics.model
         self._values, self._age, self._row = devices.values[row, :6], devices.age, row
+        self.offset = np.zeros(6)
+        """N, N·m that it tells when nothing is there, in its own axes: see daemon.taring"""
         self._reading = pin.Force.Zero()
         self._read_into = self._reading.vector
         frame = model.frames[kinematics.frame_id(link)]
@@ -111,8 +113,13 @@ class WristSensor:
         """
         velocity, acceleration = moved.v[self._joint], moved.a_gf[self._joint]
         kept_moving = self.inertia * acceleration + self.inertia.vxiv(velocity)
-        self._read_into[:] = self._values
+        np.subtract(self._values, self.offset, out=self._read_into)
         return kept_moving + self._placement.act(self._reading)
+
+    def excess(self, moved: pin.Data) -> Array:
+        """(6,) N, N·m, its own axes: what it tells beyond weight and inertia of what it carries; see `wrench`."""
+        felt: Array = self._placement.actInv(self.wrench(moved)).vector + self.offset
+        return felt
 
     @property
     def joint(self) -> int:
@@ -131,11 +138,12 @@ class ExternalWrenches:
         self._gain = 1.0 - np.exp(-2.0 * np.pi * SENSOR_HZ * period)
         self._squared_weight = 1.0 / kinematics.description.torque_limit**2
         self._rows = kinematics.index_v
-        self._sensors = [
-            WristSensor(kinematics, device.link, row, devices)
+        self.sensors = {
+            row: WristSensor(kinematics, device.link, row, devices)
             for row, device in enumerate(kinematics.description.devices)
             if devices is not None and device.family == "force_torque"
-        ]
+        }
+        """row of RobotDescription.devices → the sensor"""
         self._sensor_of: dict[str, WristSensor | None] = {}
 
     def update(self, frames: Collection[str], q: Array, velocity: Array, measured: Callable[[], pin.Data]) -> None:
@@ -162,9 +170,22 @@ class ExternalWrenches:
                 jacobian = pin.computeFrameJacobian(model, self._observer.data, q, number, pin.LOCAL_WORLD_ALIGNED)
                 _least_squares(wrench, jacobian, self._observer.residual, self._rows, self._squared_weight)
 
+    @property
+    def moved(self) -> pin.Data:
+        """As the observer saw the robot move in the last `update`; see WristSensor.wrench."""
+        return self._observer.data
+
+    def by_joints(self, frame: str, q: Array) -> Array:
+        """(6,) N, N·m, world axes, at a frame, as the joints tell it; after `update`."""
+        wrench = np.zeros(6)
+        number = self._kinematics.frame_id(frame)
+        jacobian = pin.computeFrameJacobian(self._kinematics.model, self.moved, q, number, pin.LOCAL_WORLD_ALIGNED)
+        _least_squares(wrench, jacobian, self._observer.residual, self._rows, self._squared_weight)
+        return wrench
+
     def _sensor(self, frame: str) -> WristSensor | None:
         if frame not in self._sensor_of:
-            carrying = (sensor for sensor in self._sensors if frame in sensor.frames)
+            carrying = (sensor for sensor in self.sensors.values() if frame in sensor.frames)
             self._sensor_of[frame] = next(carrying, None)
         return self._sensor_of[frame]
 

@@ -11,6 +11,7 @@ from daemon.devices import Devices
 from daemon.exchange import Answer, Command, CommandReader, Kind, PreparedMotion, Rule, decode
 from daemon.life import Life
 from daemon.motion_maker import MotionMaker
+from daemon.taring import Taring
 from daemon.time_holds import TimeHolds
 from hal.joint import JointCommand
 
@@ -29,10 +30,11 @@ class Orders:
         devices: Devices,
         holds: TimeHolds,
         maker: MotionMaker,
+        taring: Taring,
     ):
         self._mailbox, self._frames, self._device_names = mailbox, frames, device_names
         self._life, self._actions, self._devices, self._holds = life, actions, devices, holds
-        self._controllers, self._maker = controllers, maker
+        self._controllers, self._maker, self._taring = controllers, maker, taring
         self.answered = 0
         """serial of the command handled last"""
         self.answer = Refusal(Answer.NONE)
@@ -114,6 +116,8 @@ class Orders:
                 if not close and not force and (life.enabled or life.enabling):
                     return Refusal(Answer.ENABLED, command.device)
                 return self._devices.switch(command.device, bool(close))
+            case Kind.TARE:
+                return self._taring.ask(command.device)
             case Kind.LOSE_OWNER:
                 actions.lose_owner(command.owner)
                 self._holds.release(command.owner)

@@ -61,6 +61,8 @@ class RobotState:
         self.gravity = np.zeros(len(joints))
         """N·m (n,), at the measured position"""
         self._outside = ExternalWrenches(kinematics, joints, period, devices)
+        self.sensors = self._outside.sensors
+        """row of RobotDescription.devices → force-torque sensor"""
         self.wrenches = self._outside.wrenches
         """frame → (6,) N, N·m about its origin, world axes: what something outside exerts there; see `estimate_forces`"""
         self._estimator: BaseEstimator | None = None
@@ -133,13 +135,23 @@ class RobotState:
     def estimate_forces(self, frames: Collection[str]) -> None:
         """Update `wrenches`: for each of `frames`, what something outside exerts there.
 
-        A force-torque sensor that carries the frame tells it, freed of the weight and inertia of what it carries; its offset is
-        not. Otherwise the joints do: weighted, damped least squares of Jᵀ F = r with the momentum observer's r (daemon.observer).
-        Then a force elsewhere on the arm is taken for one at the frame, an error of the model's mass and friction in the joints
-        count fully, and along directions that the joints hardly move the estimate is pulled to zero by the damping.
+        A force-torque sensor that carries the frame tells it, freed of the weight and inertia of what it carries, and of its
+        offset where it was tared. Otherwise the joints do: weighted, damped least squares of Jᵀ F = r with the momentum
+        observer's r (daemon.observer). Then a force elsewhere on the arm is taken for one at the frame, an error of the model's
+        mass and friction in the joints count fully, and along directions that the joints hardly move the estimate is pulled to
+        zero by the damping.
         """
         if frames or self.wrenches:
             self._outside.update(frames, self._q, self._v, self._measured_pass)
+
+    @property
+    def moved(self) -> pin.Data:
+        """pinocchio's velocities and accelerations, as of the last `estimate_forces`."""
+        return self._outside.moved
+
+    def felt_by_joints(self, frame: str) -> Array:
+        """(6,) N, N·m as `wrenches`, but by the joints alone, whatever sensor there is; after `estimate_forces` of some frame."""
+        return self._outside.by_joints(frame, self._q)
 
     def _measured_pass(self) -> pin.Data:
         """Forward kinematics at the measured joints."""

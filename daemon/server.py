@@ -35,7 +35,15 @@ from daemon.ring import StateRingReader
 from daemon.roster import roster_file
 from daemon.safety.report import safety_report
 from daemon.timing import TimingReader, loop_timing
-from daemon.validation import check_behaviour, check_gripper, check_joints, check_power, check_start, check_stream
+from daemon.validation import (
+    check_behaviour,
+    check_gripper,
+    check_joints,
+    check_power,
+    check_sensor,
+    check_start,
+    check_stream,
+)
 from daemon.whole_body_door import WholeBodyDoor
 from handrail import messages as m
 from handrail.robot import description as robots
@@ -44,6 +52,8 @@ from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, clear_stop, leave, stop_now
 from handrail.topics import Publisher, RefusedError, Service, refuse
 
+_ABOUT_DEVICES = tuple(map(exchange.Answer.__getitem__, ("DEVICE_SILENT", "ENABLED", "TARING", "TOUCHED", "TWISTED")))
+"""answers that are about a device, not a joint"""
 _ANSWER_TIMEOUT_S = 3.0
 """how long a call waits for the loop's word: it looks into its mailbox every cycle, and cycles in lock-step are long where the
 machine is busy. With the preparation's less than callers wait (handrail.topics.Caller)."""
@@ -134,6 +144,7 @@ class Server:
             m.StreamJoints: self._stream_joints,
             m.CommandGripper: self._command_gripper,
             m.SwitchRelay: self._switch_relay,
+            m.TareSensor: self._tare,
         }
 
     def take_over(self) -> None:
@@ -281,7 +292,7 @@ class Server:
         code, joint, value = answer
         if code != exchange.Answer.ACCEPTED:
             named = self._description.joints
-            if code in (exchange.Answer.DEVICE_SILENT, exchange.Answer.ENABLED):
+            if code in _ABOUT_DEVICES:
                 named = tuple(device.name for device in self._description.devices)
             name = named[joint] if joint >= 0 else ""
             controller = self._desk.name_of(value) if code in _ABOUT_CONTROLLERS else ""
@@ -432,6 +443,18 @@ class Server:
         row = check_power(call, self._description)
         header = exchange.encode_device(self._count(), row, (call.closed, call.force), Kind.RELAY)
         self._require_accepted(self._post(header))
+
+    def _tare(self, call: m.TareSensor) -> m.Tared:
+        row = check_sensor(call, self._description)
+        gives_up = time.monotonic() + _PREPARE_TIMEOUT_S
+        while True:
+            answer = self._post(exchange.encode_device(self._count(), row, (), Kind.TARE))
+            if answer is None or answer[0] != exchange.Answer.TARING or time.monotonic() > gives_up:
+                break
+            self._doorbell.wait(_PREPARE_PERIOD_S)
+        self._require_accepted(answer)
+        assert answer is not None
+        return m.Tared(sensor=call.sensor, offset=answer[2])
 
     def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0) -> None:
         """Give the loop a command whose answer nobody waits for."""

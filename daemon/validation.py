@@ -39,6 +39,7 @@ from handrail.messages import (
     StreamJoints,
     StreamPose,
     SwitchRelay,
+    TareSensor,
     TravelEnd,
     WholeBody,
 )
@@ -231,6 +232,11 @@ def check_power(message: SwitchRelay, description: RobotDescription) -> int:
     Whether the robot is enabled and the supply answers is the loop's to say.
     """
     return _device(message.power, "power", "power supply", description)
+
+
+def check_sensor(message: TareSensor, description: RobotDescription) -> int:
+    """Row in description.devices of the sensor to be tared. Raises RefusedError where there is none of that name."""
+    return _device(message.sensor, "force_torque", "force-torque sensor", description, "sensor")
 
 
 def check_load(

@@ -669,6 +669,25 @@ class SwitchRelay(Message):
 
 
 @_travels(priority=1)
+class TareSensor(Message):
+    """Let a force-torque sensor forget its offset, until the loop ends: what it tells beyond the weight of what it carries.
+
+    Answered with Tared. Refused where the robot is not enabled, a joint moves, the sensor does not answer, or the joints feel more
+    than 5 N or 1 N·m on what the sensor carries; and where 0.4 s of the robot's clock don't go by in 1.5 s: call again.
+    """
+
+    sensor: Name
+
+
+class Tared(Message):
+    """The answer to TareSensor."""
+
+    sensor: Name
+    offset: float
+    """N that it told too much, or from another side"""
+
+
+@_travels(priority=1)
 class CheckIn(Message):
     """I am alive. Actions whose owner does not check in for 1 s, of the wall's time and of the robot's, are ended safely."""
 
@@ -1180,6 +1199,7 @@ GetTiming.Reply = LoopTiming
 GetBase.Reply = Base
 GetHardware.Reply = HardwareStatus
 GetSafety.Reply = SafetyReport
+TareSensor.Reply = Tared
 TakeLease.Reply = Lease
 BindKeepalive.Reply = GetChallenge.Reply = KeepAlive.Reply = Challenge
 GetControllers.Reply = ControllerList
@@ -1218,6 +1238,7 @@ DaemonCall = (
     | StreamJoints
     | CommandGripper
     | SwitchRelay
+    | TareSensor
 )
 DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates | ControllerEvent
 SensorEvent = PointCloud
@@ -1559,6 +1580,7 @@ Answer = (
     | SafetyReport
     | Lease
     | Challenge
+    | Tared
     | ControllerList
     | InstanceState
     | Instances

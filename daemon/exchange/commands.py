@@ -44,7 +44,7 @@ COMPLIANCE_ROWS = ("on", "force", "stiffness", "damping", "speed", "reach")
 DITHER_ROWS = ("amplitude", "frequency")
 _LINEAR, _ANGULAR = {"damping": 100.0, "speed": 0.03, "reach": 0.1}, {"damping": 2.0, "speed": 0.2, "reach": 0.5}
 """what a compliant axis has where its message says 0"""
-_OF_DEVICES = (Kind.DEVICE, Kind.RELAY)
+_OF_DEVICES = (Kind.DEVICE, Kind.RELAY, Kind.TARE)
 _OF_CONTROLLERS = (Kind.LOAD, Kind.CONFIGURE, Kind.SWITCH, Kind.UNLOAD)
 _OF_GRIPPERS = GripperHoldsEnd | GripperAtEnd
 _NOBODYS: Mapping[str, int] = {}

@@ -129,6 +129,8 @@ class Kind(enum.IntEnum):
     """`owner` must be heard every `value` s of the robot's clock from now on; 0: he need not any more"""
     KEEP_ALIVE = 22
     """`owner` was heard"""
+    TARE = 23
+    """the force-torque sensor `device` forgets its offset; asked again and again until the answer is another than TARING"""
     STREAM_JOINTS = 24
     """`action` takes a sample of joint references (payload: positions, velocities), of which `value` is the number"""
 
@@ -176,6 +178,14 @@ class Answer(enum.IntEnum):
     NO_SUCH_REFERENCE = 21
     TOO_CLOSE = 23
     """the guard has stopped the robot, and nobody has acknowledged it"""
+    TARING = 24
+    """the sensor of row `answer_joint` is being listened to"""
+    MOVING = 25
+    """`answer_joint` moves by `answer_value` rad/s"""
+    TOUCHED = 26
+    """the joints feel `answer_value` N on what the sensor of row `answer_joint` carries"""
+    TWISTED = 27
+    """likewise N·m"""
 
 
 @enum.unique

@@ -285,6 +285,30 @@ def explain(
             "stopped",
             "acknowledged",
         ),
+        Answer.TARING: (
+            f"the robot's clock goes too slowly: {joint} is still being listened to; call again",
+            "sensor",
+            joint,
+            "0.4 s of the robot's time",
+        ),
+        Answer.MOVING: (
+            f"the robot moves: a sensor is tared while all of it stands ({joint})",
+            "velocity",
+            f"{value:.3f} rad/s",
+            "at most 0.05 rad/s of every joint",
+        ),
+        Answer.TOUCHED: (
+            f"something touches what {joint} carries, as the joints feel it: let it go first",
+            "force",
+            f"{value:.1f} N",
+            "at most 5 N",
+        ),
+        Answer.TWISTED: (
+            f"something twists what {joint} carries, as the joints feel it: let it go first",
+            "torque",
+            f"{value:.2f} N·m",
+            "at most 1 N·m",
+        ),
         Answer.MALFORMED: ("the loop could not read the command", "command", "", "a well-formed command"),
     }
     return told.get(answer, (f"the loop answered {answer.name.lower()}", "", "", ""))

@@ -879,6 +879,25 @@ def test_a_gripper_that_does_not_answer_is_named_in_the_refusal(hand_rig: Rig) -
     assert hand_rig.refusal(m.CommandGripper(gripper="hand", position=0.5)).message == "hand does not answer"
 
 
+def test_a_sensor_is_tared_by_name_and_what_hinders_it_is_told_with_value_and_expectation(rig: Rig) -> None:
+    loop = rig.start_loop()
+    row = next(row for row, device in enumerate(rig.description.devices) if device.name == "wrist_left_ft")
+    loop.answers[Kind.TARE] = (Answer.ACCEPTED, -1, 3.25)
+    assert rig.call(m.TareSensor(sensor="wrist_left_ft")) == m.Tared(sensor="wrist_left_ft", offset=3.25)
+    assert loop.wait_for(Kind.TARE).device == row
+    for hindered, joint, value, told in (
+        (Answer.TOUCHED, row, 7.5, ("force", "7.5 N", "at most 5 N", "wrist_left_ft")),
+        (Answer.TWISTED, row, 1.5, ("torque", "1.50 N·m", "at most 1 N·m", "wrist_left_ft")),
+        (Answer.MOVING, 3, 0.2, ("velocity", "0.200 rad/s", "at most 0.05 rad/s", rig.description.joints[3])),
+    ):
+        loop.answers[Kind.TARE] = (hindered, joint, value)
+        refused = rig.refusal(m.TareSensor(sensor="wrist_left_ft"))
+        assert (refused.field, refused.value) == told[:2]
+        assert told[2] in refused.expected
+        assert told[3] in refused.message
+    assert rig.refusal(m.TareSensor(sensor="torso_imu")).field == "sensor"
+
+
 def test_a_node_that_the_bus_has_thrown_off_is_shown_so(rig: Rig) -> None:
     hub = Hub(rig.runtime.bus, rig.description.channels)
     joined: list[HubPort] = []

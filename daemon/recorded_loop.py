@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -31,11 +34,28 @@ class LoopStart(msgspec.Struct, kw_only=True):
     """the rows of everything that has one a joint"""
     files: dict[str, str]
     """the robot's folder in one piece (handrail.robot.keepsake)"""
+    made_with: dict[str, str] = {}
+    """what may round a float64 otherwise: processor, libraries and their versions"""
 
     @classmethod
     def of(cls, description: RobotDescription, clock: str) -> LoopStart:
         """What a loop that starts now starts from."""
-        return cls(robot=description.name, clock=clock, joints=list(description.joints), files=keepsake(description))
+        return cls(
+            robot=description.name,
+            clock=clock,
+            joints=list(description.joints),
+            files=keepsake(description),
+            made_with=made_with(),
+        )
+
+
+def made_with() -> dict[str, str]:
+    """What computes here: libraries choose their kernels by the processor, and each may sum in an order of its own."""
+    found = {name: metadata.version(name) for name in ("numpy", "numba", "pin")}
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        found["processor"] = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return found
 
 
 @dataclass

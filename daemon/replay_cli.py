@@ -53,7 +53,7 @@ def replay(
 
 def _replayed(loop: FiledLoop, number: int, robot: str | None, most: int | None) -> bool:
     """Replay one of a file's loops and tell of it; whether it did the same."""
-    from daemon.recorded_loop import cycles
+    from daemon.recorded_loop import cycles, made_with
     from daemon.replay import Replay
     from daemon.tape_file import UnusableRecording
     from daemon.warm_up import warm_up
@@ -81,6 +81,12 @@ def _replayed(loop: FiledLoop, number: int, robot: str | None, most: int | None)
     typer.echo(f"  {replayed.compared} cycles ({seconds:.1f} s) are the same, bit for bit; the first difference:")
     for line in _told(found):
         typer.echo(f"  {line}")
+    now = made_with()
+    for what, then in start.made_with.items():
+        if then != now.get(what):
+            typer.echo(
+                f"  {what}: {then} recorded, {now.get(what, 'nothing known')} here: last digits may come from that"
+            )
     return False
 
 

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from typer import Typer
 from typer.testing import CliRunner
 
+from daemon import recorded_loop
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.replay_cli import replay
 from daemon.tape import Kind as Taped
@@ -87,6 +88,10 @@ def test_the_first_command_that_is_another_one_is_told_with_both_values(
     assert found, told.stdout
     assert float(found[3]) != float(found[4]) == pytest.approx(float(found[3]), abs=1e-6)
     assert f"{int(found[1]) - 1} cycles" in told.stdout
+    assert "last digits" not in told.stdout, "it is the same machine"
+    monkeypatch.setattr(recorded_loop, "made_with", lambda: {"numpy": "0.1"})
+    elsewhere = run_replay(file)
+    assert f"numpy: {np.__version__} recorded, 0.1 here: last digits may come from that" in elsewhere.stdout
 
 
 def test_each_loop_of_a_file_is_replayed_and_one_without_an_end_is_told(

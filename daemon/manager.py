@@ -17,7 +17,7 @@ from daemon.controllers.base import Array, Controller, Ended, Gains, rows_of
 from daemon.controllers.brake import Brake
 from daemon.controllers.hold import Hold
 from daemon.exchange import CONTROLLERS, Outcome, Rule
-from daemon.references import fade
+from daemon.references import faded
 from daemon.robot_state import RobotState
 from daemon.safety.limits import effective_torque
 from daemon.safety.rules import Trip, followed, unsafe
@@ -322,8 +322,8 @@ class ControllerManager:
             self._switched[:] = False
 
     def _add_offsets(self, joints: NDArray[np.int64]) -> None:
-        for joint in joints:
-            self.command.torque[joint] += self._offset[joint] * fade(self._since_switch[joint], FADE)
+        if len(joints):
+            self.command.torque[joints] += self._offset[joints] * faded(self._since_switch[joints], FADE)
 
     def _hold_position(self, last: JointCommand) -> Array:
         """(n,) rad where to hold joints: where they were commanded to be.

@@ -138,3 +138,9 @@ def fade(elapsed: float, duration: float) -> float:
     """A smooth 1 → 0 over `duration` s, flat at both ends."""
     u = min(max(elapsed / duration, 0.0), 1.0)
     return 1.0 - u * u * (3.0 - 2.0 * u)
+
+
+def faded(elapsed: Array, duration: float) -> Array:
+    """The same of each of many, (m,) s."""
+    u = np.clip(elapsed / duration, 0.0, 1.0)
+    return np.asarray(1.0 - u * u * (3.0 - 2.0 * u))

@@ -21,7 +21,7 @@ from typing import IO
 import msgspec
 import numpy as np
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message
+from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from zstandard import ZstdError
 
@@ -211,20 +211,34 @@ class _Messages:
 
     def _read(self, stream: IO[bytes]) -> Iterator[tuple[str, bytes]]:
         topics: dict[int, str] = {}
+        schemas: dict[int, Schema] = {}
         begun = False
         try:
             for record in StreamReader(stream, validate_crcs=True).records:
                 begun = True
-                if isinstance(record, Channel) and record.topic.startswith("/loop/"):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel) and record.topic.startswith("/loop/"):
                     topics[record.id] = record.topic
+                    self._check_form(record.topic, schemas.get(record.schema_id))
                 elif isinstance(record, Message) and record.channel_id in topics:
                     yield topics[record.channel_id], record.data
+        except UnusableRecording:
+            raise
         except (McapError, ValueError, ZstdError, struct.error) as error:
             if not begun:
                 raise UnusableRecording(f"{self.path}: no MCAP file") from error
             if isinstance(error, CRCValidationError) or stream.read(1):
                 raise UnusableRecording(f"{self.path}: damaged: {error}") from error
             self.cut = "the file breaks off: its recorder was killed, or it was not copied whole"
+
+    def _check_form(self, topic: str, schema: Schema | None) -> None:
+        """Records are read as they are in memory: of those of a version that had others nothing could be made."""
+        expected = _DEFINITIONS.get(topic)
+        if expected is not None and (schema is None or schema.data.decode() != expected):
+            raise UnusableRecording(
+                f"{self.path}: recorded by a version of Handrail whose {topic} has other fields; replay it with that one"
+            )
 
 
 def loops(path: Path) -> Iterator[FiledLoop]:

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from typer import Typer
 from typer.testing import CliRunner
 
-from daemon import recorded_loop
+from daemon import recorded_loop, tape_file
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.replay_cli import replay
 from daemon.tape import Kind as Taped
@@ -127,7 +127,7 @@ def test_a_file_that_was_cut_is_replayed_as_far_as_it_goes(file: Path) -> None:
     assert f"{CYCLES} cycles" in told.stdout and "the file breaks off" in told.stdout
 
 
-def test_what_is_wrong_with_a_file_is_named(file: Path, moved: Any, tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_file_is_named(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(file: Path, *words: str) -> str:
         told = run_replay(file, *words)
         assert told.exit_code == 2, told.output
@@ -143,6 +143,8 @@ def test_what_is_wrong_with_a_file_is_named(file: Path, moved: Any, tmp_path: Pa
     (tmp_path / "damaged.mcap").write_bytes(damaged)
     assert "damaged" in refused(tmp_path / "damaged.mcap")
     assert "has the joints shoulder_joint" in refused(file, "--robot", "sea_bench")
+    monkeypatch.setitem(tape_file._DEFINITIONS, ORDER, tape_file._DEFINITIONS[ORDER] + "uint8 more\n")
+    assert "a version of Handrail whose /loop/order has other fields" in refused(file)
 
 
 def test_a_recording_that_begins_late_is_refused(moved: Any, tmp_path: Path) -> None:

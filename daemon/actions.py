@@ -31,7 +31,7 @@ from daemon.exchange import (
 )
 from daemon.manager import ActivationError, ClaimError, ControllerManager
 from daemon.robot_state import RobotState
-from daemon.safety.rules import followed, unsafe
+from daemon.safety.rules import expired, followed, unsafe
 from hal.joint import JointCommand
 from handrail.messages import EndCondition
 
@@ -117,8 +117,8 @@ class ActionTable:
             return Refusal(Answer.MALFORMED)
         if any(set(step.motion.joints) != set(motion.joints) for step in command.steps):
             return Refusal(Answer.MALFORMED)
-        if command.expires_ns and time_ns > command.expires_ns:
-            return Refusal(Answer.EXPIRED, value=(time_ns - command.expires_ns) * 1e-9)
+        if late := expired(command.expires_ns, time_ns):
+            return Refusal(Answer.EXPIRED, value=late.value)
         if (isolated := self._manager.isolated[motion.joints]).any():
             return Refusal(Answer.ISOLATED, int(motion.joints[int(np.argmax(isolated))]))
         for other in self.running():

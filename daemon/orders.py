@@ -11,6 +11,7 @@ from daemon.devices import Devices
 from daemon.exchange import Answer, Command, CommandReader, Kind, PreparedMotion, Rule, decode
 from daemon.life import Life
 from daemon.motion_maker import MotionMaker
+from daemon.safety.rules import expired
 from daemon.taring import Taring
 from daemon.time_holds import TimeHolds
 from hal.joint import JointCommand
@@ -93,10 +94,9 @@ class Orders:
                 return actions.stream(command.action, command.reference)
             case Kind.STREAM_JOINTS:
                 assert command.sample is not None
-                if command.expires_ns and time_ns > command.expires_ns:
-                    late = (time_ns - command.expires_ns) * 1e-9
-                    life.ledger.trip(Rule.EXPIRED, value=late)
-                    return Refusal(Answer.EXPIRED, value=late)
+                if late := expired(command.expires_ns, time_ns):
+                    life.ledger.trip(Rule.EXPIRED, value=late.value)
+                    return Refusal(Answer.EXPIRED, value=late.value)
                 return actions.sample(command.action, command.sample)
             case Kind.CANCEL:
                 return actions.cancel(command.action)

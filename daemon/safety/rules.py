@@ -52,6 +52,13 @@ def unsafe(seen: Followed) -> Trip | None:
     return None
 
 
+def expired(expires_ns: int, time_ns: int) -> Trip | None:
+    """The rule by which a command that says until when it may come (robot's clock; 0: for ever) comes too late."""
+    if not expires_ns or time_ns <= expires_ns:
+        return None
+    return Trip(Rule.EXPIRED, -1, (time_ns - expires_ns) * 1e-9, 0.0)
+
+
 def isolated_with(lost: NDArray[np.bool_], limb: NDArray[np.int64], isolated: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(n,) joints of all limbs that must be out of the robot: those in which a drive is `lost`, and those that are out already.
 

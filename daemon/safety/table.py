@@ -58,7 +58,8 @@ TABLE: dict[Rule, Words] = {
         "a drive faults, leaves operation, does not answer for 50 cycles, or does not come to operation within 2 s",
         "its limb is isolated: all its drives quick-stop and stay so; all actions end and the other limbs hold, and may be moved. "
         "Where no other limb is left, every drive quick-stops",
-        "remove the cause (`handrail hardware status`), then enable: that resets the fault and holds the limb where it is measured",
+        "remove the cause (`handrail hardware status`), then enable: that resets the fault and holds the limb where it is measured "
+        "now; loaded controllers that it ended (`handrail controllers list` says which) come back by `handrail controllers switch`",
         "the drive of {joint}",
     ),
     Rule.SELF_COLLISION: Words(

@@ -116,10 +116,10 @@ def between_arms(bench: InPlant) -> float:
 
 
 def watched(bench: InPlant, look: Callable[[], float], cycles: int) -> list[float]:
-    """What is seen in every fourth cycle, in which nothing comes nearer by more than 3 cm."""
+    """What is seen in every eighth cycle; most of the way is slow, or has ended."""
     seen = []
-    for _ in range(cycles // 4):
-        bench.run(4)
+    for _ in range(cycles // 8):
+        bench.run(8)
         seen.append(look())
     return seen
 

@@ -14,6 +14,7 @@ import pytest
 from daemon import cli
 from daemon.drive_reports import drive_problems
 from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
+from daemon.safety import rules
 from daemon.safety.bounds import DIVERGED, STALE
 from daemon.safety.report import safety_report
 from daemon.safety.rules import Followed, followed, isolated_with, unsafe
@@ -376,6 +377,17 @@ def test_the_explanation_names_the_rule_that_holds_the_robot_and_how_to_recover(
     assert [rule.rule for rule in rules] == ["operator_stop", "drive_fault"]
     assert "talos_upper is stopped, held by operator_stop (too close)" in text
     assert "tripped before" in text
+
+
+@pytest.mark.parametrize(
+    ("expires", "now", "late"), [(0, 5, 0.0), (10, 10, 0.0), (10, 2_000_000_010, 2.0), (-5, 0, 5e-9)]
+)
+def test_a_command_is_late_by_the_robots_clock_and_only_if_it_says_until_when(
+    expires: int, now: int, late: float
+) -> None:
+    trip = rules.expired(expires, now)
+    assert (trip.value if trip else 0.0) == pytest.approx(late)
+    assert trip is None or trip.rule is Rule.EXPIRED
 
 
 def test_limbs_are_isolated_whole_and_those_that_are_stay_out() -> None:

@@ -26,6 +26,8 @@ PATIENCE = 0.05
 """s for which constraints may exclude each other before the action ends"""
 REACH, TURN = 0.10, 0.5
 """m, rad: a task pulls no harder than at this distance from its reference"""
+DAMPING = 0.15
+"""of the solver's levels, where they are singular or bounds are active: a step of torque may tear more than a task left short"""
 _IMPEDANCE = int(Mode.IMPEDANCE)
 
 
@@ -48,6 +50,7 @@ class WholeBodyControl(MotionController):
         self._motion, self._period = motion, period
         self._compound, self._model = compound, model
         self.body: WholeBody = compound.on(model)
+        self.body.damp(DAMPING)
         self.body.warm_up()
         moving.warm_up(n)
         self.clock = PathClock(motion.duration or _longest(motion.references), period)

@@ -69,6 +69,8 @@ class WholeBody:
         self._coming = [
             k for k, made in enumerate(self._entries) if made.kind == Kind.CLEARANCE and self._level_of(k) > 0
         ]
+        self._fading: dict[int, float] = {}
+        """tasks that are being brought in (> 0) or taken out (< 0): their share changes by so much in a cycle"""
         self._feasibility = Feasibility(self)
 
     def _lay_out(
@@ -213,10 +215,45 @@ class WholeBody:
 
     def solve(self) -> Result:
         """Solve for the state that the model was last put in."""
-        if self._coming:
+        if self._fading:
+            self._fade()
+        if self._coming or self._fading:
             return self._solve_between()
         self._solve_once()
         return self.result
+
+    def damp(self, most: float) -> None:
+        """Make torques continuous where bounds are active, too: see docs/wbc.md. `most`: λ, a sine; 0: exact to the bounds."""
+        settings = self._memory["settings"][0]
+        settings[at.MOST_DAMPING], settings[at.DAMPING] = most, min(settings[at.DAMPING], most)
+
+    @property
+    def damping(self) -> float:
+        """Share 0 to 1 of the damping that is there now: 1 where a level is singular or a bound is active for a while."""
+        settings = self._memory["settings"][0]
+        return float(settings[at.DAMPING] / settings[at.MOST_DAMPING]) if settings[at.MOST_DAMPING] else 0.0
+
+    def fade(self, number: int, on: bool, cycles: int) -> None:
+        """Bring the task with this number in the plan in, or take it out, over so many cycles: see Handle.fade."""
+        if self._level_of(number) == 0:
+            raise ValueError(f"{self._titles[number]}: got a constraint; expected a task, which may fade")
+        if number in self._coming or cycles < 1:  # a Clearance comes and goes with its distance
+            self._fading.pop(number, None)
+            self.plan[number, at.ON] = on
+            return
+        share = self._memory["parameters"][number]
+        if number not in self._fading:
+            share[at.SHARE] = float(self.plan[number, at.ON])
+        self.plan[number, at.ON] = 1
+        self._fading[number] = (1.0 if on else -1.0) / cycles
+
+    def _fade(self) -> None:
+        shares = self._memory["parameters"][:, at.SHARE]
+        for number, step in list(self._fading.items()):
+            shares[number] = min(max(shares[number] + step, 0.0), 1.0)
+            if shares[number] == (step > 0.0):
+                del self._fading[number]
+                self.plan[number, at.ON] = step > 0.0
 
     def _solve_once(self) -> None:
         result = self.result
@@ -233,10 +270,11 @@ class WholeBody:
         With shares s₁ ≥ s₂ ≥ …, x = (1 − s₁) x() + (s₁ − s₂) x(1) + (s₂ − s₃) x(1, 2) + …: continuous in the shares, strict where
         they are 0 or 1, and within all bounds, which are convex (Lovász' extension; Lee, Mansard and Park 2012 for one task).
         """
-        on = [k for k in self._coming if self.plan[k, at.ON]]
+        coming = [k for k in self._coming if self.plan[k, at.ON]]
         row, wanted = np.zeros((1, int(self.sizes[at.N]))), np.zeros(1)
-        for k in on:
+        for k in coming:
             self.task_rows(k, row, wanted)
+        on = [*coming, *self._fading]
         shares = np.nan_to_num(
             self._memory["parameters"][:, at.SHARE], nan=1.0
         )  # a broken state goes through, and is told
@@ -306,6 +344,8 @@ class WholeBody:
     def exact(self, level: int) -> bool:
         """No direction of a level (0: the first) was damped or had to give way to those above, in the last walk."""
         about = self._memory["level"]
+        if self.damping > 0.0:
+            return False
         return bool(about[at.FILTERED, level + 1] == 0.0 and about[at.LEAST, level + 1] > 0.0)
 
     def bound_title(self, number: int) -> tuple[str, str]:

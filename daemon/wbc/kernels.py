@@ -35,6 +35,11 @@ _ROW_TOLERANCE = 1e-8
 _ROUNDING = 1e-6
 """likewise, by rounding, where several bounds are active"""
 _MULTIPLIER_TOLERANCE = 1e-9
+RISE, FALL = 25, 100
+"""cycles in which λ of min |A y − a|² + λ² |y|² comes up where a level is singular or a bound is active (Nakamura and Hanafusa
+1986; the same whatever is active, so that it stays one problem), and in which it goes again"""
+_LEAST_OWNED = 0.07
+"""sine to what is above up to which a direction is shared with the levels below, where λ is as large"""
 WALKS = 3
 """walks that take in and let go bounds many at a time, before going down step by step"""
 
@@ -191,7 +196,7 @@ def _eigen(a, vectors):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST, error_model="numpy")
-def _filtered(table, first_row, rows, kept, first, count, y, start, singular):  # type: ignore[no-untyped-def]
+def _filtered(table, first_row, rows, kept, first, count, y, start, singular, damping):  # type: ignore[no-untyped-def]
     """Move y from `start` along the level's own directions first … count, with the level's small singular values filtered.
 
     The rows in these directions are R (rows, d), `kept`; RᵀR = V Λ Vᵀ. With weights D, left singular vectors U = R V Λ^-½ and
@@ -247,6 +252,8 @@ def _filtered(table, first_row, rows, kept, first, count, y, start, singular):  
             if i == j and gram[i, i] < singular:
                 u = 1.0 - max(gram[i, i], 0.0) / singular
                 s += singular * u * u / max(gram[i, i], _NOTHING)
+            if i == j:
+                s += damping / max(gram[i, i], _NOTHING)
             normal[i, j] = s
     for i in range(d):  # Cholesky, and both substitutions
         for j in range(i + 1):
@@ -344,6 +351,7 @@ def _meet_level(table, levels, sizes, level, count, whole, y):  # type: ignore[n
     about, start = matrix(table, at.LEVEL), line(table, at.Y, 1)
     share, n, room = owned[0], sizes[at.N], basis.shape[0]
     first_row, rows = levels[level, 2], levels[level, 3]
+    damping, most = vector(table, at.SETTINGS)[at.DAMPING], vector(table, at.SETTINGS)[at.MOST_DAMPING]
     copy(y, start)
     first, volume = count, 1.0
     for i in range(first_row, first_row + rows):
@@ -364,6 +372,8 @@ def _meet_level(table, levels, sizes, level, count, whole, y):  # type: ignore[n
             continue
         length = math.sqrt(t)
         u = min(max((t - GIVE_UP) / (_KEEP - GIVE_UP), 0.0), 1.0)
+        if damping > 0.0:
+            u = min(u, length / min(damping, _LEAST_OWNED))
         keep = u * u * (3.0 - 2.0 * u)
         kept[count] = length
         s = (known[at.WANTED, i] - _dot(raw[i], y, n)) / length
@@ -374,13 +384,14 @@ def _meet_level(table, levels, sizes, level, count, whole, y):  # type: ignore[n
         if keep == 1.0:
             whole += 1
     # The smallest eigenvalue of RRᵀ is at least det · ((r − 1) / r)^(r − 1) ≥ det / e.
-    singular = SINGULAR if sizes[at.ACTIVE_COUNT] == 0 else SINGULAR_AT_BOUNDS
-    if volume < 2.8 * singular and count > first:
-        least = _filtered(
-            table, first_row, rows, within[first_row : first_row + rows], first, count, y, start, singular
-        )
+    near = SINGULAR if sizes[at.ACTIVE_COUNT] == 0 else SINGULAR_AT_BOUNDS
+    singular = near * (1.0 - damping / most) if most > 0.0 else near  # what damps all directions takes over from it
+    damping *= damping
+    if (volume < 2.8 * near or damping > 0.0) and count > first:
+        kept = within[first_row : first_row + rows]
+        least = _filtered(table, first_row, rows, kept, first, count, y, start, singular, damping)
         about[at.LEAST, level] = least
-        about[at.FILTERED, level] = 1.0 if least < singular or volume < _NOTHING else 0.0
+        about[at.FILTERED, level] = 1.0 if least < near or volume < _NOTHING else 0.0
     elif count == first:
         about[at.LEAST, level], about[at.FILTERED, level] = 0.0, 1.0
     return count, whole
@@ -462,6 +473,8 @@ def _multipliers(table, levels, sizes, level, before, until, y):  # type: ignore
     raw, known, target = matrix(table, at.RAW), matrix(table, at.ROW), vector(table, at.POSTURE_TARGET)
     basis, owned, active = matrix(table, at.BASIS), matrix(table, at.OWNED), matrix(table, at.ACTIVE)
     active_row, pull, n = matrix(table, at.ACTIVE_ROW), line(table, at.Y, 1), sizes[at.N]
+    damping, heaviest = vector(table, at.SETTINGS)[at.DAMPING], 0.0
+    damping *= damping
     size = 0.0
     fill(pull, 0.0)
     if level < sizes[at.LEVELS]:
@@ -470,9 +483,13 @@ def _multipliers(table, levels, sizes, level, before, until, y):  # type: ignore
                 continue
             weight = known[at.ROW_WEIGHT, i]
             s = weight * weight * (known[at.WANTED, i] - _dot(raw[i], y, n))
-            size = max(size, abs(s))
+            size, heaviest = max(size, abs(s)), max(heaviest, weight)
             for j in range(n):
                 pull[j] += s * raw[i, j]
+        damping *= heaviest * heaviest
+        for j in range(n):
+            pull[j] -= damping * y[j]
+            size = max(size, damping * abs(y[j]))
     else:
         for j in range(n):
             pull[j] = target[j] - y[j]
@@ -492,6 +509,17 @@ def _multipliers(table, levels, sizes, level, before, until, y):  # type: ignore
             if active[2, a] < worst:
                 worst, worst_at = s, a
     return worst_at
+
+
+@njit(fastmath=FAST, error_model="numpy")
+def _damping_presses(table, levels, sizes, level, y):  # type: ignore[no-untyped-def]
+    """Multipliers up to this may be of a level's damping, instead of its tasks."""
+    if level >= sizes[at.LEVELS]:
+        return 0.0
+    damping, known, heaviest = vector(table, at.SETTINGS)[at.DAMPING], matrix(table, at.ROW), 0.0
+    for i in range(levels[level, 2], levels[level, 2] + levels[level, 3]):
+        heaviest = max(heaviest, known[at.ROW_WEIGHT, i] if known[at.LENGTH, i] > 0.0 else 0.0)
+    return damping * damping * heaviest * heaviest * math.sqrt(_dot(y, y, sizes[at.N]))
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -563,9 +591,9 @@ def _descend(table, plan, support, roots, levels, sizes, bounds, fixed):  # type
         if level == last:
             break
         if finished:
-            a, dropped = locked, False
+            a, dropped, least = locked, False, _damping_presses(table, levels, sizes, level, y)
             while a < sizes[at.ACTIVE_COUNT]:
-                if active[2, a] > 0.0:
+                if active[2, a] > least:
                     a += 1
                 else:
                     active_left = sizes[at.ACTIVE_COUNT] - 1
@@ -581,7 +609,8 @@ def _descend(table, plan, support, roots, levels, sizes, bounds, fixed):  # type
                 whole = whole_before + count - before
                 if whole < n:
                     count, whole = _meet_level(table, levels, sizes, level, count, whole, met)
-            copy(met, chain)
+            # With damping, what is let go here is not what the level can do without: only what lies below may leave it.
+            copy(met if vector(table, at.SETTINGS)[at.DAMPING] == 0.0 else y, chain)
         else:  # out of steps: what is reached stands, and is kept
             copy(y, chain)
         locked, before, whole_before = sizes[at.ACTIVE_COUNT], count, whole
@@ -699,8 +728,9 @@ def _let_go(table, levels, sizes, bounds, fixed):  # type: ignore[no-untyped-def
         for a in range(count):
             active[2, a] = 0.0
         _multipliers(table, levels, sizes, level, fixed, int(about[at.LEVEL_HEIGHT, level]), y)
+        least = _damping_presses(table, levels, sizes, level, y)
         for a in range(count - 1, -1, -1):
-            if active[3, a] == 0.0:
+            if active[3, a] == 0.0 and not 0.0 < active[2, a] <= least:
                 active[3, a] = active[2, a]
             if active[3, a] < 0.0:
                 _drop(table, sizes, bounds, a)
@@ -826,6 +856,17 @@ def _prepare(table, plan, support, roots, levels, sizes):  # type: ignore[no-unt
     return at.SOLVED, fixed
 
 
+@njit(fastmath=FAST, error_model="numpy")
+def _damp(table, sizes):  # type: ignore[no-untyped-def]
+    """The damping of the next cycle: it comes up while a level is singular or a bound is active."""
+    settings, about = vector(table, at.SETTINGS), matrix(table, at.LEVEL)
+    most, now = settings[at.MOST_DAMPING], settings[at.DAMPING]
+    weak = sizes[at.ACTIVE_COUNT] > 0
+    for level in range(1, sizes[at.LEVELS]):
+        weak = weak or about[at.FILTERED, level] > 0.0
+    settings[at.DAMPING] = min(most, now + most / RISE) if weak else max(0.0, now - most / FALL)
+
+
 @compiled(fastmath=FAST, error_model="numpy")
 def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[no-untyped-def]
     """A whole cycle, from pinocchio's memory to q̈, torques and forces in `out`. Returns a layout.Status.
@@ -860,6 +901,7 @@ def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[n
             continue
         if not active or not _let_go(table, levels, sizes, bounds, fixed):
             _write_out(table, sizes)
+            _damp(table, sizes)
             return at.SOLVED
         inside = True
         copy(y, line(table, at.Y, 4))
@@ -870,6 +912,7 @@ def solve(table, plan, support, roots, levels, sizes, bounds):  # type: ignore[n
             return at.SEARCHING
     _descend(table, plan, support, roots, levels, sizes, bounds, fixed)
     _write_out(table, sizes)
+    _damp(table, sizes)
     return at.SOLVED if _keeps(table, sizes, value, 10.0 * _ROUNDING) else at.SEARCHING
 
 

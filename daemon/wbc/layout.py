@@ -122,8 +122,9 @@ SIZES = 16
 """EQUALITIES: rows of level 0. FIXED: directions that they own. Kernels write ACTIVE_COUNT, READY, PASSES, CULPRIT, FIXED."""
 
 # Columns of `settings`.
-GRAVITY_Z, MASS_TOTAL, FORCE_SCALE, MOMENT_SCALE = range(4)
-SETTINGS_WIDTH = 4
+GRAVITY_Z, MASS_TOTAL, FORCE_SCALE, MOMENT_SCALE, DAMPING, MOST_DAMPING = range(6)
+SETTINGS_WIDTH = 6
+"""DAMPING: λ of all levels now, written by the kernels; MOST_DAMPING: what it comes up to"""
 
 
 class Status(enum.IntEnum):

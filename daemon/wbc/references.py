@@ -20,6 +20,9 @@ from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.memory import Array
 from daemon.wbc.tasks import rotation as rotation_of
 
+_SHORTER = 0.9
+"""share of a leash that is taken in where levels are damped"""
+
 
 class Reference(Protocol):
     """Writes a task's reference; to be called once a cycle, before `solve`."""
@@ -134,7 +137,7 @@ class Leashes:
         self._parameters = body.memory["parameters"]
         self._tasks = np.array([handle.number for handle in handles], np.int64)
         self._kept = np.zeros((len(handles), moving.LEASH))
-        self._reach, self._turn = reach, turn
+        self._reach, self._turn, self._body = reach, turn, body
 
     def give(self) -> None:
         """Put back the references as they were wanted."""
@@ -142,7 +145,8 @@ class Leashes:
 
     def take(self) -> None:
         """Shorten them."""
-        moving.take(self._parameters, self._tasks, self._kept, self._reach, self._turn)
+        share = 1.0 - _SHORTER * self._body.damping
+        moving.take(self._parameters, self._tasks, self._kept, share * self._reach, share * self._turn)
 
     def off(self, place: int) -> Array:
         """(3,) m, of the frame at this place of the list: what is wanted minus what was measured, on the task's axes."""

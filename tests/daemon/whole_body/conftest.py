@@ -88,10 +88,10 @@ def door(talos: RobotDescription) -> WholeBodyDoor:
 def in_plant(talos: RobotDescription, door: WholeBodyDoor) -> Iterator[Callable[..., WholeBodyBench]]:
     made: list[tuple[WholeBodyBench, Path]] = []
 
-    def make(scene: Scene = EMPTY, tape: bool = False) -> WholeBodyBench:
+    def make(scene: Scene = EMPTY, tape: bool = False, robot: RobotDescription = talos) -> WholeBodyBench:
         folder = Path(tempfile.mkdtemp(prefix="hr", dir="/dev/shm"))
         written = TapeWriter(folder / "loop.tape") if tape else None
-        made.append((WholeBodyBench(folder, talos, scene, door, written), folder))
+        made.append((WholeBodyBench(folder, robot, scene, door, written), folder))
         made[-1][0].enable()
         return made[-1][0]
 

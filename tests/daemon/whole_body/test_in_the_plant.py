@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from daemon.exchange import ActionState, Answer, Kind, Outcome
 from handrail.messages import FrameLine, Pose, PoseErrorEnd, PoseStream, PostureKnots, TimeEnd, WholeBody
+from handrail.robot.guarding import Guarding
 from tests.daemon.compliant.conftest import TIP, wall_before
 
 PERIOD = 0.002
@@ -178,3 +181,30 @@ def test_pausing_stops_every_reference_and_resuming_goes_on(in_plant) -> None:
     assert bench.ask(Kind.RESUME, action=bench.started) is Answer.ACCEPTED
     assert bench.run_to_end() is Outcome.DONE
     assert bench.tip().translation == pytest.approx(goal.translation, abs=3e-3)
+
+
+def test_an_arm_that_is_stretched_beyond_its_reach_and_comes_back_is_torn_by_no_torque(in_plant, talos) -> None:
+    """Without damping where bounds are active: hundreds of cycles with steps of more than 2 % of the rated torque, up to 40 %."""
+    bench = in_plant(robot=dataclasses.replace(talos, guard=Guarding(self_collision=False)))  # it would stop it before
+    start, way = bench.tip().translation, np.array([0.0, -0.5, 0.0])
+    stream = PoseStream(task="hand", stale=0.1, speed=1.0)
+    assert bench.begin(WholeBody(compound=HAND_OVER_POSTURE, references=[stream])) is Answer.ACCEPTED
+    bench.run(5)
+    rated, rows, solved = bench.description.torque_limit, bench.control._model.rows, bench.control.body.result.torque
+    last, steps, furthest = solved[rows].copy(), [], 0.0
+    for cycle in range(1600):
+        t = cycle * PERIOD
+        phase = min(t / 1.4, 1.0) if t < 1.6 else max(1.0 - (t - 1.6) / 1.4, 0.0)
+        share, slope = 0.5 - 0.5 * np.cos(np.pi * phase), 0.5 * np.pi * np.sin(np.pi * phase) / 1.4
+        velocity = way * slope * (1.0 if t < 1.6 else -1.0)
+        bench.stream("hand", position=tuple(start + way * share), velocity=(*velocity, 0.0, 0.0, 0.0))
+        bench.run()
+        steps.append(float((np.abs(solved[rows] - last) / rated).max()))
+        furthest, last = (
+            max(furthest, float(np.linalg.norm(bench.tip().translation - start - way * share))),
+            solved[rows].copy(),
+        )
+    assert furthest > 0.02, "it was asked for more than it can reach"
+    assert np.linalg.norm(bench.tip().translation - start) < 5e-3, "and is back"
+    assert np.sum(np.array(steps) > 0.02) < 30
+    assert max(steps) < 0.15

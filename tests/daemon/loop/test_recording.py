@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import Result
@@ -19,11 +20,14 @@ from daemon import recorded_loop, tape_file
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.replay_cli import replay
 from daemon.tape import Kind as Taped
-from daemon.tape_file import COMMANDS, ORDER, RECEIVED, TapeRecorder
+from daemon.tape import TapeWriter, as_words
+from daemon.tape_file import COMMANDS, ORDER, RECEIVED, TapeRecorder, loops
+from hal.joint import JointCommand
 from handrail.messages import LogLine
 from handrail.recorder import Recording
 from handrail.robot import description as robots
 from handrail.robot.keepsake import keepsake, restore
+from handrail.runtime import Runtime
 
 JOINT = "arm_right_1_joint"
 CYCLES = 60
@@ -105,6 +109,32 @@ def test_each_loop_of_a_file_is_replayed_and_one_without_an_end_is_told(
     first, second = told.stdout.split("loop 2 of the recording")
     assert "incomplete, the loop went on after that: the recording was ended" in first
     assert "5 cycles" in second and "incomplete" not in second
+
+
+def test_a_loop_that_was_started_anew_follows_in_the_file_and_nothing_of_the_one_before_is_lost(tmp_path: Path) -> None:
+    runtime, file = Runtime.at(tmp_path), tmp_path / "run.mcap"
+    start = recorded_loop.LoopStart(robot="r", clock="wall", joints=["a"], files={})
+
+    def begin() -> TapeWriter:
+        tape = TapeWriter(runtime.tape, 1 << 12)
+        tape.put(Taped.START, (), as_words(msgspec.json.encode(start)))
+        return tape
+
+    def run(tape: TapeWriter, cycles: int) -> None:
+        for tape.cycle in range(1, cycles + 1):
+            tape.put(Taped.COMMAND, (2 * tape.cycle, 0), JointCommand(1).memory)
+
+    with file.open("wb") as stream:
+        recording, recorder = Recording(stream, time.time_ns()), TapeRecorder(runtime)
+        recorder(recording)
+        first = begin()
+        recorder(recording)
+        run(first, 3)
+        run(begin(), 2)
+        recorder(recording)
+        recording.finish()
+    told = [[entry.cycle for entry in loop.entries()] for loop in loops(file)]
+    assert told == [[1, 2, 3], [1, 2]]
 
 
 def test_a_tape_that_broke_off_is_replayed_up_to_there_and_says_so(moved: Any, tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,13 +14,21 @@ from daemon.roster import roster_file
 from daemon.safety.bounds import DIVERGED, STALE
 from hal.drives.lifecycle import State
 from handrail.messages import ControllerEvent, ControllerInfo
-from tests.daemon.loop.conftest import Desk
+from handrail.robot.description import RobotDescription
+from handrail.robot.guarding import Guarding
+from tests.daemon.loop.conftest import Bench, Desk
 from tests.daemon.loop.test_failing_controllers import codes, free, rated_jump
 
 __all__ = ["free"]
 HOLD = CONTROLLERS.index("hold")
 LEFT = [f"arm_left_{i}_joint" for i in range(1, 8)]
 JOINT = LEFT[3]
+
+
+@pytest.fixture
+def bench(talos: RobotDescription, make_bench: Callable[..., Bench]) -> Bench:
+    """Without the guard: soft arms are flung about here, which it would stop."""
+    return make_bench(replace(talos, guard=Guarding(self_collision=False)))
 
 
 class Teller:

@@ -24,7 +24,7 @@ from benchmarks import wake_ups
 from benchmarks.rows import Row, against
 from benchmarks.wake_ups import WakeUps
 from daemon.exchange import CONTROLLERS, snapshot_dtype
-from daemon.ring import StateRingReader
+from daemon.exchange.ring import StateRingReader
 from handrail.demo.children import Children
 from handrail.messages import (
     NOT_READY,

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row
-from daemon.gains import joint_damping
+from daemon.controllers.gains import joint_damping
 from daemon.loop import Loop
 from daemon.warm_up import warm_up
 from hal.awake import Awake

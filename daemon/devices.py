@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.actions import Refusal
+from daemon.actions.table import Refusal
 from daemon.exchange import Answer
 from hal.device import GRIPPER_COMMANDED, SILENT_AFTER, DeviceCommand, DeviceState
 from hal.hardware import LOST_AFTER

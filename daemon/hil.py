@@ -83,7 +83,7 @@ class ControlLoop:
     def use(self, controller: type[AnyController], joints: str | Iterable[str]) -> AnyController:
         """Make a controller with the robot's own gains, and let it take these joints over in the next cycle.
 
-        joints: a joint, a glob, a limb or a group. The rest is held. Raises daemon.manager.ClaimError.
+        joints: a joint, a glob, a limb or a group. The rest is held. Raises daemon.controllers.manager.ClaimError.
         """
         from hal.hil.names import joints_of
 

@@ -22,9 +22,10 @@ from typing import Annotated
 
 import typer
 
-from daemon import exchange, mailbox, ring, timing
-from daemon.health import clear_health, write_health
-from daemon.shared_file import drop_unless_fit
+from daemon import exchange, timing
+from daemon.exchange import mailbox, ring
+from daemon.exchange.shared_file import drop_unless_fit
+from daemon.serving.health import clear_health, write_health
 from daemon.supervisor import Child, StartError, Supervisor
 from handrail.config import ConfigError
 from handrail.robot import description as robots
@@ -79,7 +80,9 @@ def children(
     processes = []
     if record is not None:
         # First, and so ended last: what the others say at their end is recorded, too.
-        processes.append(Child("recorder", (*python, "daemon.recorder", "--out", str(record.absolute()), *place)))
+        processes.append(
+            Child("recorder", (*python, "daemon.replay.recorder", "--out", str(record.absolute()), *place))
+        )
     if simulated:
         on_bus = (
             *(["--bus-timing"] if bus_timing else []),

@@ -1,7 +1,7 @@
 """Everything that the loop takes in beside its bus, through one narrow place: so it can be written down, and told again later.
 
 What a cycle does rests on the frames that its port received, on what stands here, and on nothing else: clocks are read for waiting
-and for telling only, but for `waits_on`. `daemon.taping` writes all of it down, `daemon.replay` tells it again.
+and for telling only, but for `waits_on`. `daemon.replay.taping` writes all of it down, `daemon.replay.player` tells it again.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Protocol
 
 from daemon import exchange
+from daemon.actions.motion_maker import MotionMaker
 from daemon.controllers.base import Gains
+from daemon.controllers.workshop import Workshop
 from daemon.exchange import CommandReader
-from daemon.mailbox import MailboxReader
-from daemon.motion_maker import MotionMaker
+from daemon.exchange.mailbox import MailboxReader
 from daemon.safety.stop_socket import StopRequest, StopSocket
-from daemon.workshop import Workshop
 from hal.joint import JointState
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.actions import ActionTable, Refusal
+from daemon.actions.table import ActionTable, Refusal
 from daemon.controllers.base import Ended
+from daemon.controllers.manager import ControllerManager
 from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome, Rule
-from daemon.manager import ControllerManager
 from daemon.safety.keepalive import Keepalives, Stage
 from daemon.safety.ledger import GUARDS, Ledger
 from daemon.safety.rules import isolated_with

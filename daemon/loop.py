@@ -18,29 +18,29 @@ import time
 from collections.abc import Callable, Iterable
 
 from daemon import exchange
-from daemon.actions import Action, ActionTable
-from daemon.bus_watch import NODE
-from daemon.controller_table import ControllerTable
+from daemon.actions.table import Action, ActionTable
 from daemon.controllers.base import Gains
+from daemon.controllers.gains import joint_damping
+from daemon.controllers.manager import ControllerManager
+from daemon.controllers.outer_integral import OuterIntegral
+from daemon.controllers.roster import roster_file
+from daemon.controllers.table import ControllerTable
+from daemon.controllers.workshop import SWITCH_INTERVAL_S
 from daemon.devices import Devices
-from daemon.doorbell import Doorbell, PacedBell, loop_doorbell, server_doorbell
 from daemon.exchange import Rule
-from daemon.gains import joint_damping
+from daemon.exchange.doorbell import Doorbell, PacedBell, loop_doorbell, server_doorbell
+from daemon.exchange.ring import StateRingWriter
+from daemon.exchange.snapshot import SnapshotWriter
 from daemon.inputs import Inputs
 from daemon.life import Life
-from daemon.manager import ControllerManager
 from daemon.orders import Orders
-from daemon.outer_integral import OuterIntegral
-from daemon.ring import StateRingWriter
-from daemon.robot_state import RobotState
-from daemon.roster import roster_file
 from daemon.safety.last_word import LastWord
-from daemon.snapshot import SnapshotWriter
-from daemon.taring import Taring
+from daemon.state.bus_watch import NODE
+from daemon.state.robot_state import RobotState
+from daemon.state.taring import Taring
 from daemon.time_holds import TimeHolds
 from daemon.timing import TimingWriter
 from daemon.warm_up import warm_up
-from daemon.workshop import SWITCH_INTERVAL_S
 from hal.can.port import BusLost, HubPort, open_port
 from hal.core_pair import CorePair
 from hal.drives.protocol import LimbProtocol
@@ -309,7 +309,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--robot", required=True, help="name of a robot, or its folder")
     parser.add_argument("--clock", choices=("wall", "lockstep"), required=True)
     parser.add_argument("--runtime", help="folder in which the robot's processes meet")
-    parser.add_argument("--tape", action="store_true", help="write down all that goes in and out (daemon.recorder)")
+    parser.add_argument(
+        "--tape", action="store_true", help="write down all that goes in and out (daemon.replay.recorder)"
+    )
     given = parser.parse_args(arguments)
     try:
         description, runtime = robots.load(given.robot), Runtime.at(given.runtime)
@@ -322,7 +324,7 @@ def main(arguments: list[str] | None = None) -> int:
             core = CorePair(port.hub_process)
         make: Callable[..., Loop] = Loop
         if given.tape:
-            from daemon.taping import tape_loop
+            from daemon.replay.taping import tape_loop
 
             port, make = tape_loop(description, given.clock, runtime, port)
         loop = make(Hardware(description, port, protocol), kinematics, lockstep, runtime, core)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from daemon.actions import ActionTable, Refusal
-from daemon.controller_table import ControllerTable
+from daemon.actions.motion_maker import MotionMaker
+from daemon.actions.table import ActionTable, Refusal
+from daemon.controllers.table import ControllerTable
 from daemon.devices import Devices
 from daemon.exchange import Answer, Command, CommandReader, Kind, PreparedMotion, Rule, decode
 from daemon.life import Life
-from daemon.motion_maker import MotionMaker
 from daemon.safety.rules import expired
-from daemon.taring import Taring
+from daemon.state.taring import Taring
 from daemon.time_holds import TimeHolds
 from hal.joint import JointCommand
 

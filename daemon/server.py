@@ -17,25 +17,23 @@ import numpy as np
 import zmq
 
 from daemon import exchange
-from daemon.bus_watch import BusWatch
-from daemon.challenges import Challenges
-from daemon.controller_desk import ControllerDesk
-from daemon.device_reports import other_columns
-from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
-from daemon.drive_reports import drive_problems
+from daemon.controllers.roster import roster_file
 from daemon.exchange import Kind
-from daemon.hardware_report import components
-from daemon.health import read_health
-from daemon.journal import Journal, Started
-from daemon.leases import Leases
-from daemon.mailbox import MailboxFull, MailboxWriter
-from daemon.owners import Owners
-from daemon.reporter import Reporter
-from daemon.ring import StateRingReader
-from daemon.roster import roster_file
+from daemon.exchange.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon.exchange.mailbox import MailboxFull, MailboxWriter
+from daemon.exchange.ring import StateRingReader
 from daemon.safety.report import safety_report
-from daemon.timing import TimingReader, loop_timing
-from daemon.validation import (
+from daemon.serving.challenges import Challenges
+from daemon.serving.controller_desk import ControllerDesk
+from daemon.serving.device_reports import other_columns
+from daemon.serving.drive_reports import drive_problems
+from daemon.serving.hardware_report import components
+from daemon.serving.health import read_health
+from daemon.serving.journal import Journal, Started
+from daemon.serving.leases import Leases
+from daemon.serving.owners import Owners
+from daemon.serving.reporter import Reporter
+from daemon.serving.validation import (
     check_behaviour,
     check_gripper,
     check_joints,
@@ -44,7 +42,9 @@ from daemon.validation import (
     check_start,
     check_stream,
 )
-from daemon.whole_body_door import WholeBodyDoor
+from daemon.serving.whole_body_door import WholeBodyDoor
+from daemon.state.bus_watch import BusWatch
+from daemon.timing import TimingReader, loop_timing
 from handrail import messages as m
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
@@ -79,7 +79,7 @@ class Server:
         columns: Mapping[str, Sequence[str]] | None = None,
         context: zmq.Context | None = None,
     ):
-        """`columns`: of devices whose family has no message of its own (daemon.device_reports.other_columns)."""
+        """`columns`: of devices whose family has no message of its own (daemon.serving.device_reports.other_columns)."""
         self._description, self._runtime, self._clock = description, runtime, clock
         frames = exchange.frame_names(description)
         self._frames = {frame: index for index, frame in enumerate(frames)}

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create
+from daemon.exchange.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create
 from handrail.messages import LoopTiming, TimeDistribution
 
 MARK = 0x48525449_4D45_01

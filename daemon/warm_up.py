@@ -7,14 +7,14 @@ import numpy as np
 from daemon.controllers.base import Gains
 from daemon.controllers.joint_stream import JointStream
 from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.controllers.outer_integral import OuterIntegral
 from daemon.exchange import StreamMotion, TrajectoryMotion
-from daemon.observer import SENSOR_AGE
-from daemon.outer_integral import OuterIntegral
-from daemon.robot_state import RobotState
 from daemon.safety.bodies import Bodies
 from daemon.safety.limits import Limits, enforce
 from daemon.safety.rules import followed
 from daemon.safety.separation import MAX_TRIPS, judge
+from daemon.state.observer import SENSOR_AGE
+from daemon.state.robot_state import RobotState
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
 from handrail.robot.description import IntegralGains

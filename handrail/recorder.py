@@ -17,7 +17,8 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 | /device/NAME | handrail.ImuState, ForceTorqueState, GripperState, PowerState | each DeviceStates (25 Hz) |
 | /log | foxglove.Log | as they come |
 
-`handrail up --record` starts this with the control loop's tape in the same file, which `handrail replay` runs (daemon.recorder).
+`handrail up --record` starts this with the control loop's tape in the same file, which `handrail replay` runs
+(daemon.replay.recorder).
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ def _robot() -> None:
 
 def _base() -> None:
     """What estimates where a free base is."""
-    from daemon.estimator import BaseEstimator
+    from daemon.state.estimator import BaseEstimator
     from hal.device import DeviceState
     from hal.joint import JointState
     from handrail.robot import description as robots

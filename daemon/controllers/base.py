@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.controllers.outer_integral import OuterIntegral
+from daemon.controllers.references import PathClock
 from daemon.exchange import Outcome
-from daemon.outer_integral import OuterIntegral
-from daemon.references import PathClock
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 from hal.joint import COMMANDED, JointCommand, Mode
 from handrail.compiled import compiled
 from handrail.robot.kinematics import Kinematics

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.controllers.base import Array, Controller, Gains
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
+from daemon.controllers.references import LinePath, PathClock
 from daemon.exchange import CartesianMotion, TaskFrameMotion
-from daemon.references import LinePath, PathClock
-from daemon.robot_state import FramePose, RobotState
+from daemon.state.robot_state import FramePose, RobotState
 from hal.joint import JointCommand
 from handrail.messages import Pose
 

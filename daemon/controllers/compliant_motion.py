@@ -12,7 +12,7 @@ import pinocchio as pin
 from daemon.controllers.base import Array, Gains
 from daemon.controllers.cartesian_impedance import CartesianImpedance
 from daemon.exchange import TaskFrameMotion
-from daemon.robot_state import FramePose, RobotState
+from daemon.state.robot_state import FramePose, RobotState
 from hal.joint import JointCommand
 
 

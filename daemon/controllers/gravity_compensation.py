@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Meta
 
 from daemon.controllers.base import Controller, Gains, Setup
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 
 

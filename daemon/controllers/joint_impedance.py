@@ -10,7 +10,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.controllers.base import ChainableController, Gains, Setup
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 
 

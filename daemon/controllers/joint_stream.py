@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.controllers.base import Array, Gains, MotionController
+from daemon.controllers.references import PathClock
 from daemon.exchange import StreamMotion
-from daemon.references import PathClock
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 from handrail.compiled import compiled
 

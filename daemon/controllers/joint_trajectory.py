@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.controllers.base import Array, Gains, MotionController
+from daemon.controllers.references import HermitePath, PathClock, fade
 from daemon.exchange import TrajectoryMotion
-from daemon.references import HermitePath, PathClock, fade
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 from handrail.messages import PathForce
 

@@ -20,6 +20,7 @@ from daemon.controllers.gravity_compensation import GravityCompensation
 from daemon.controllers.joint_impedance import JointImpedance
 from daemon.controllers.joint_stream import JointStream
 from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.controllers.roster import own_kinds
 from daemon.exchange import (
     CartesianMotion,
     MotionCommand,
@@ -28,7 +29,6 @@ from daemon.exchange import (
     TaskFrameMotion,
     TrajectoryMotion,
 )
-from daemon.roster import own_kinds
 
 MOTIONS: dict[type, Callable[[Any, Gains, float], MotionController]] = {
     TrajectoryMotion: JointTrajectory,
@@ -44,7 +44,7 @@ KINDS: dict[str, type[Controller]] = {
     "joint_impedance": JointImpedance,
     "gravity_compensation": GravityCompensation,
 }
-"""what may be loaded by name (handrail controllers load), made by Controller.make beside the loop (daemon.workshop)"""
+"""what may be loaded by name (handrail controllers load), made by Controller.make beside the loop (daemon.controllers.workshop)"""
 
 
 def for_motion(motion: MotionCommand, gains: Gains, period: float) -> MotionController:

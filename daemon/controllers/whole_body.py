@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
-from daemon.references import HermitePath, LinePath, PathClock
-from daemon.robot_state import RobotState
+from daemon.controllers.references import HermitePath, LinePath, PathClock
+from daemon.state.robot_state import RobotState
 from daemon.wbc import moving
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.hierarchy import WholeBody

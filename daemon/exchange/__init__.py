@@ -1,8 +1,9 @@
 """What the daemon's loop and its server exchange: the snapshot that leaves each cycle, the commands that enter.
 
 Both are fixed numpy records in shared memory, so that the loop never decodes a message. The server turns messages into commands
-(`encode_start`, `encode_command`, ...) and snapshots into messages (`robot_state`, `action_event`, ...); the loop turns a command
-into plain Python objects once (`decode`). Whoever carries them (daemon.ring, daemon.mailbox) satisfies the protocols in `records`.
+(`encode_start`, `encode_command`, ...) and snapshots into messages (`robot_state`, `action_event`, ...); the loop turns a
+command into plain Python objects once (`decode`). Whoever carries them (daemon.exchange.ring, daemon.exchange.mailbox)
+satisfies the protocols in `records`.
 
 Every command has a serial number that the server counts up. The loop handles at most one command a cycle and writes a snapshot
 that answers it (`answered`, `answer`), so the server may wait for the loop's word before it answers its caller.

@@ -338,7 +338,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
     )
     return np.dtype(
         [
-            # What the loop counts (daemon.snapshot writes it as one, as it does with the blocks below).
+            # What the loop counts (daemon.exchange.snapshot writes it as one, as it does with the blocks below).
             ("cycle", "i8"),
             ("time_ns", "i8"),  # robot's clock
             ("misses", "i8"),  # periods skipped
@@ -365,7 +365,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("device_values", "f8", (devices, MEASURED)),  # hal.device's measured columns
             ("device_age", "i8", devices),  # cycles since the device's last valid frame
             ("device_measured_ns", "i8", devices),
-            # daemon.base_state.BaseState.memory
+            # daemon.state.base_state.BaseState.memory
             ("base_pose", "f8", 7),  # position m, quaternion x y z w, in the world
             ("base_twist", "f8", 6),  # m/s, rad/s, the base's own axes
             ("base_sigma", "f8", 2),  # m, rad
@@ -380,7 +380,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("claims", "u1", (len(COMMAND_ROWS), n)),  # who commands it: index into CONTROLLERS, or LOADED_CODE + slot
             ("controller_states", "u1", MAX_LOADED),
             ("controller_changes", CONTROLLER_CHANGE, MAX_LOADED),  # how each came to its state
-            ("roster", "i8"),  # which list of loaded controllers (daemon.roster) these states are about
+            ("roster", "i8"),  # which list of loaded controllers (daemon.controllers.roster) these states are about
             ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8
             ("safety", SAFETY, len(Rule)),
@@ -410,7 +410,7 @@ def frame_names(description: RobotDescription) -> tuple[str, ...]:
 
 
 class StateWriter(Protocol):
-    """The loop's end of the ring (daemon.ring.StateRingWriter)."""
+    """The loop's end of the ring (daemon.exchange.ring.StateRingWriter)."""
 
     record: np.ndarray
     """snapshot_dtype, shape (): filled by the loop"""
@@ -420,7 +420,7 @@ class StateWriter(Protocol):
 
 
 class CommandReader(Protocol):
-    """The loop's end of the mailbox (daemon.mailbox.MailboxReader)."""
+    """The loop's end of the mailbox (daemon.exchange.mailbox.MailboxReader)."""
 
     def take(self) -> tuple[np.ndarray, NDArray[np.float64]] | None:
         """(header COMMAND shape (1,), payload) of the oldest waiting command, valid until `done`; None when none waits."""

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.base_state import PROBLEMS, BaseSource, Trouble
 from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Flag, Outcome
+from daemon.state.base_state import PROBLEMS, BaseSource, Trouble
 from handrail.messages import NOT_READY, ActionEvent, Base, EndCondition, Foot, Pose, RobotState
 from handrail.robot.description import RobotDescription
 
@@ -109,7 +109,7 @@ def action_event(
 ) -> ActionEvent:
     """A slot of a snapshot as an event; `action_id` and `ends` are those of the StartAction with the slot's serial.
 
-    `problems`: joint → what is wrong with its drive (daemon.drive_reports); `steps`: of a behaviour, name and ends of each.
+    `problems`: joint → what is wrong with its drive (daemon.serving.drive_reports); `steps`: of a behaviour, name and ends of each.
     """
     state = ActionState(int(slot["state"]))
     step, before = int(slot["step"]), int(slot["before"])

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from daemon.controllers.base import Ended
 from daemon.controllers.brake import Brake
+from daemon.controllers.manager import ControllerManager
 from daemon.exchange import Outcome, Rule, frame_names
-from daemon.manager import ControllerManager
-from daemon.robot_state import RobotState
 from daemon.safety.bodies import Bodies
 from daemon.safety.ledger import GUARDS, Ledger
 from daemon.safety.separation import MAX_TRIPS, judge
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 
 Array = NDArray[np.float64]

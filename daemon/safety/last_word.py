@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from daemon.controllers.manager import ControllerManager
 from daemon.exchange import Rule
-from daemon.manager import ControllerManager
-from daemon.robot_state import RobotState
 from daemon.safety.guard import Guard
 from daemon.safety.ledger import Ledger
 from daemon.safety.limits import LIMITS, Cut, Limits, cut_of, enforce
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand, JointState
 
 HELD_BACK = 0.02

@@ -10,7 +10,7 @@ from daemon.exchange import SAFETY, Outcome, Rule
 from daemon.safety.bounds import DIVERGED, STALE
 
 if TYPE_CHECKING:
-    from daemon.actions import Action
+    from daemon.actions.table import Action
     from daemon.controllers.base import Ended
 
 GUARDS = (Rule.SELF_COLLISION, Rule.WORKSPACE)

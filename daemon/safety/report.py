@@ -14,7 +14,7 @@ from handrail.robot.description import RobotDescription
 
 
 def safety_report(snapshot: np.ndarray, description: RobotDescription, problems: Mapping[str, str]) -> SafetyReport:
-    """`problems`: joint → what is wrong with its drive (daemon.drive_reports)."""
+    """`problems`: joint → what is wrong with its drive (daemon.serving.drive_reports)."""
     flags = Flag(int(snapshot["flags"]))
     return SafetyReport(
         robot=description.name,

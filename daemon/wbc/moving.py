@@ -37,7 +37,7 @@ WANTED_P, WANTED_R, SHORT, SEEN_P, SEEN_R, OFF, LEASH = 0, 3, 12, 13, 16, 25, 28
 
 @compiled(fastmath=FAST, error_model="numpy")
 def follow_line(state, s, rate, task):  # type: ignore[no-untyped-def]
-    """A task's reference at path parameter s of a line, minimum-jerk (Flash and Hogan 1985): see daemon.references.LinePath."""
+    """A task's reference at path parameter s of a line, minimum-jerk (Flash and Hogan 1985), as controllers.references.LinePath."""
     u = min(max(s / state[LINE_LENGTH], 0.0), 1.0)
     share = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
     slope = rate * 30.0 * u * u * (1.0 - u) * (1.0 - u) / state[LINE_LENGTH]

@@ -1,7 +1,7 @@
 """What moves a task's reference from cycle to cycle: a trajectory, or somebody who streams it. A constant one needs nothing.
 
-Trajectories are daemon.references' paths over a path parameter s, with its rate ṡ from the clock that may be slowed down:
-ẋ_d = x' ṡ, ẍ_d = (ẋ_d − the last cycle's) / T. One clock may move several references: then whoever made it moves it on.
+Trajectories are daemon.controllers.references' paths over a path parameter s, with its rate ṡ from the clock that may be slowed
+down: ẋ_d = x' ṡ, ẍ_d = (ẋ_d − the last cycle's) / T. One clock may move several references: then whoever made it moves it on.
 
 Each is one kernel a cycle (moving.py): small arrays cost numpy more than the work on them.
 """
@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from daemon.references import HermitePath, LinePath, PathClock
+from daemon.controllers.references import HermitePath, LinePath, PathClock
 from daemon.wbc import moving
 from daemon.wbc.handle import Handle
 from daemon.wbc.hierarchy import WholeBody

@@ -267,7 +267,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class IntegralGains:
-    """The integral on the joint encoders' error around the drives' own loops (daemon.outer_integral), arrays (n,)."""
+    """The integral on the joint encoders' error around the drives' own loops (daemon.controllers.outer_integral), arrays (n,)."""
 
     rate: np.ndarray
     """1/s"""

@@ -13,8 +13,8 @@ import can
 import pytest
 from rich.console import Console
 
-from daemon import bus_watch
-from daemon.bus_watch import BusWatch
+from daemon.state import bus_watch
+from daemon.state.bus_watch import BusWatch
 from hal.can import bus_check, bus_table, real_port
 from hal.can.bus_check import Survey
 from hal.can.controller_state import ControllerState, of_bus, of_link

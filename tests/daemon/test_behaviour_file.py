@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from daemon.behaviour_cli import app
+from daemon.actions.cli import app
 from daemon.exchange import Kind, Outcome
 from daemon.server import robot_info
 from handrail.behaviour_file import BehaviourFile, Part, find

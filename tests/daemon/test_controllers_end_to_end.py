@@ -5,9 +5,9 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.cli import aligned
-from daemon.controllers_cli import controllers
-from daemon.roster import Loaded, Roster
-from daemon.validation import check_load, check_loaded
+from daemon.controllers.cli import controllers
+from daemon.controllers.roster import Loaded, Roster
+from daemon.serving.validation import check_load, check_loaded
 from handrail import messages as m
 from handrail.robot import description as robots
 from handrail.topics import RefusedError

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import daemon, wake_ups
 from benchmarks.daemon import Cycles
 from benchmarks.wake_ups import WakeUps
-from daemon.whole_body_door import WholeBodyDoor
+from daemon.serving.whole_body_door import WholeBodyDoor
 from handrail.messages import StartAction
 from handrail.robot import description as robots
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daemon import exchange
-from daemon.hardware_report import components
+from daemon.serving.hardware_report import components
 from hal.device import SILENT_AFTER
 from hal.drives.lifecycle import State, statusword
 from handrail.robot import description as robots

@@ -22,10 +22,10 @@ import typer
 from typer.testing import CliRunner
 
 from daemon import exchange
+from daemon.exchange.mailbox import MailboxReader
+from daemon.exchange.ring import StateRingWriter
 from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, sole_service, up
-from daemon.mailbox import MailboxReader
-from daemon.recorder import free_name
-from daemon.ring import StateRingWriter
+from daemon.replay.recorder import free_name
 from daemon.timing import TimingWriter
 from handrail.config import ConfigError
 from handrail.robot import description as robots
@@ -104,7 +104,14 @@ def test_a_recorder_starts_first_so_that_it_ends_last_and_the_loop_writes_its_ta
     recorder, _, loop, *others = children(
         talos, robot="talos_upper", scene="valve", clock=Clock.WALL, runtime=runtime, port=1, record=file
     )
-    assert recorder.command[1:] == ("-m", "daemon.recorder", "--out", str(file), "--runtime", str(runtime.folder))
+    assert recorder.command[1:] == (
+        "-m",
+        "daemon.replay.recorder",
+        "--out",
+        str(file),
+        "--runtime",
+        str(runtime.folder),
+    )
     assert recorder.name == "recorder" and loop.command[-1] == "--tape"
     assert not any("--tape" in child.command for child in others)
 

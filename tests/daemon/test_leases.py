@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.leases import Leases
+from daemon.serving.leases import Leases
 from handrail.robot import description as robots
 from handrail.topics import RefusedError
 

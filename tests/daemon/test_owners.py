@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daemon.owners import LONGEST_TICK_S, Owners
+from daemon.serving.owners import LONGEST_TICK_S, Owners
 
 
 class Watch:

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.doorbell import Bell, Doorbell
-from daemon.mailbox import MailboxFull, MailboxReader, MailboxWriter
-from daemon.ring import StateRingReader, StateRingWriter
-from daemon.shared_file import SharedFileError
+from daemon.exchange.doorbell import Bell, Doorbell
+from daemon.exchange.mailbox import MailboxFull, MailboxReader, MailboxWriter
+from daemon.exchange.ring import StateRingReader, StateRingWriter
+from daemon.exchange.shared_file import SharedFileError
 
 RECORD = np.dtype([("cycle", "i8"), ("values", "f8", 200)], align=True)
 COMMAND = np.dtype([("serial", "u8"), ("kind", "u4")], align=True)
@@ -82,7 +82,7 @@ def test_snapshots_read_while_another_process_overwrites_them_are_whole(folder: 
     script = """
 import sys, numpy as np
 from pathlib import Path
-from daemon.ring import StateRingWriter
+from daemon.exchange.ring import StateRingWriter
 record = np.dtype([("cycle", "i8"), ("values", "f8", 200)], align=True)
 writer = StateRingWriter(Path(sys.argv[1]), record, capacity=16)
 print("ready", flush=True)
@@ -140,8 +140,8 @@ def test_commands_cross_to_another_process_with_their_payloads(folder: Path) -> 
     script = """
 import sys, time, numpy as np
 from pathlib import Path
-from daemon.mailbox import MailboxReader
-from daemon.doorbell import Doorbell
+from daemon.exchange.mailbox import MailboxReader
+from daemon.exchange.doorbell import Doorbell
 command = np.dtype([("serial", "u8"), ("kind", "u4")], align=True)
 folder = Path(sys.argv[1])
 mailbox, bell = MailboxReader(folder / "box", command), Doorbell(folder / "bell")

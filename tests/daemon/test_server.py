@@ -17,12 +17,13 @@ import numpy as np
 import pytest
 import zmq
 
-from daemon import bus_watch, exchange, server
-from daemon.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon import exchange, server
 from daemon.exchange import ActionState, Answer, Command, Flag, Kind, Outcome
-from daemon.mailbox import MailboxReader
-from daemon.ring import StateRingWriter
+from daemon.exchange.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
+from daemon.exchange.mailbox import MailboxReader
+from daemon.exchange.ring import StateRingWriter
 from daemon.server import Server
+from daemon.state import bus_watch
 from hal.can.faults import Fault
 from hal.can.hub import Hub
 from hal.can.port import HubPort
@@ -720,7 +721,7 @@ def test_malformed_calls_are_refused_and_change_nothing(rig: Rig) -> None:
 
 
 def test_health_of_the_services_processes_is_in_the_status(rig: Rig) -> None:
-    from daemon.health import write_health
+    from daemon.serving.health import write_health
 
     rig.start_loop()
     write_health(Path(rig.runtime.folder), {"loop": "up", "link": "down, starting anew (died once)"})

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.shared_file import SharedFileError, create
+from daemon.exchange.shared_file import SharedFileError, create
 from daemon.timing import BINS, EDGES_NS, MARK, TimingReader, TimingWriter, bin_of, distribution, loop_timing
 
 TIMES = st.one_of(st.integers(0, 1 << 33), st.sampled_from(EDGES_NS.tolist()), st.integers(50_000, 500_000))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.leases import Leases
+from daemon.serving.leases import Leases
 from engines.engine import Engine
 from engines.planning.plan import Infeasible, Plan, Segment
 from handrail import messages as m

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from daemon.exchange import ActionState, Outcome
-from daemon.tape import TapeWriter
+from daemon.replay.tape import TapeWriter
 from daemon.warm_up import warm_up
 from hal.drives.protocol import LimbProtocol
 from hal.plant.bullet import pybullet as p

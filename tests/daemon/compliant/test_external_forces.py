@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from daemon import observer
+from daemon.state import observer
 from daemon.warm_up import warm_up
 from handrail.messages import ContactEnd
 from handrail.robot import description as robots

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.exchange import Answer, Kind
-from daemon.taring import LISTEN, SETTLE
+from daemon.state.taring import LISTEN, SETTLE
 from handrail.messages import ContactEnd
 from handrail.robot.description import RobotDescription, SensorNoise
 from tests.daemon.compliant.conftest import TIP, InPlant

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from daemon.estimator import BaseEstimator, BaseState
-from daemon.gains import joint_damping
+from daemon.controllers.gains import joint_damping
+from daemon.state.estimator import BaseEstimator, BaseState
 from hal.device import DeviceState
 from hal.drives.lifecycle import State, controlword_towards, statusword
 from hal.joint import JointCommand, JointState, Mode

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from daemon.estimator import HOLDS, BaseEstimator, BaseSource, BaseState, Trouble, can_estimate
-from daemon.invariant_filter import GRAVITY
+from daemon.state.estimator import HOLDS, BaseEstimator, BaseSource, BaseState, Trouble, can_estimate
+from daemon.state.invariant_filter import GRAVITY
 from hal.device import DeviceState
 from hal.joint import JointState
 from handrail.robot import description as robots

@@ -16,16 +16,16 @@ import numpy as np
 import pytest
 
 from daemon import exchange
-from daemon.doorbell import Bell, loop_doorbell
+from daemon.controllers.roster import Roster, read_roster, roster_file
 from daemon.exchange import LOADED_CODE, ActionState, Answer, ControllerState, Flag, Kind, Outcome
+from daemon.exchange.doorbell import Bell, loop_doorbell
+from daemon.exchange.mailbox import MailboxWriter
+from daemon.exchange.ring import StateRingReader
 from daemon.loop import Loop
-from daemon.mailbox import MailboxWriter
-from daemon.recorded_loop import LoopStart
-from daemon.ring import StateRingReader
-from daemon.roster import Roster, read_roster, roster_file
-from daemon.tape import TapeWriter
-from daemon.taping import TapedLoop, TapedPort
-from daemon.validation import check_gripper
+from daemon.replay.recorded_loop import LoopStart
+from daemon.replay.tape import TapeWriter
+from daemon.replay.taping import TapedLoop, TapedPort
+from daemon.serving.validation import check_gripper
 from hal.can import frames
 from hal.drives import lifecycle
 from hal.drives.lifecycle import State

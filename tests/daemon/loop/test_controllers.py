@@ -6,8 +6,8 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from daemon.controllers.joint_trajectory import PathForceIntegrator
+from daemon.controllers.references import HermitePath, LinePath, PathClock
 from daemon.exchange import ActionState, Answer, Outcome
-from daemon.references import HermitePath, LinePath, PathClock
 from hal.joint import JointCommand
 from handrail.messages import CartesianImpedance, PathForce, Pose
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daemon.end_conditions import beyond, distance, force_frames, room_to_limits
+from daemon.actions.end_conditions import beyond, distance, force_frames, room_to_limits
 from handrail.messages import ContactEnd, ForceEnd, PoseErrorEnd, TimeEnd
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from daemon import exchange
 from daemon.exchange import ActionState, Answer, Kind, Outcome, Rule, action_event
-from daemon.validation import check_joints, check_start
+from daemon.serving.validation import check_joints, check_start
 from handrail.messages import JointStream, StartAction, StreamJoints
 from handrail.topics import RefusedError
 from tests.daemon.loop.conftest import Bench

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.challenges import Challenges
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome, Rule
 from daemon.safety.keepalive import HOLD_NS, SETTLE_NS, STILL, Binding, Stage, heard, step
+from daemon.serving.challenges import Challenges
 from hal.drives.lifecycle import State
 from handrail.keepalive import Keepalive, answer
 from handrail.messages import BindKeepalive, Challenge, GetChallenge, KeepAlive, ReleaseKeepalive

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 
 from daemon.controllers import registry
-from daemon.doorbell import Doorbell, server_doorbell
+from daemon.controllers.roster import read_roster
+from daemon.controllers.workshop import Job, When, Workshop
 from daemon.exchange import CONTROLLERS, Answer, ControllerState, Kind
-from daemon.roster import read_roster
-from daemon.workshop import Job, When, Workshop
+from daemon.exchange.doorbell import Doorbell, server_doorbell
 from handrail.messages import ConfigureController, LoadController
 from tests.daemon.loop.conftest import PATIENCE_S, SWAY, Desk
 

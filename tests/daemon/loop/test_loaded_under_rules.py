@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.controller_desk import ControllerDesk
+from daemon.controllers.roster import roster_file
 from daemon.exchange import CONTROLLERS, LOADED_CODE, Answer, ControllerState, Kind, Outcome, Rule
-from daemon.roster import roster_file
 from daemon.safety.bounds import DIVERGED, STALE
+from daemon.serving.controller_desk import ControllerDesk
 from hal.drives.lifecycle import State
 from handrail.messages import ControllerEvent, ControllerInfo
 from handrail.robot.description import RobotDescription

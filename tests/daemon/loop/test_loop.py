@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from daemon.doorbell import BELL_PERIOD_NS
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome
+from daemon.exchange.doorbell import BELL_PERIOD_NS
 from daemon.safety.stop_socket import StopSocket
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER

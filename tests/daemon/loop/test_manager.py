@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from daemon.controllers.joint_trajectory import JointTrajectory
+from daemon.controllers.manager import ClaimError
 from daemon.exchange import CONTROLLERS, Answer, Kind, Outcome, TrajectoryMotion
-from daemon.manager import ClaimError
 from handrail.messages import CartesianImpedance, DivergenceEnd, Pose, TimeEnd
 
 HOLD, TRAJECTORY = CONTROLLERS.index("hold"), CONTROLLERS.index("joint_trajectory")
@@ -134,7 +134,7 @@ def test_a_joint_that_stays_held_notices_nothing_of_a_switch(free_bench) -> None
 
 def test_without_the_offset_the_same_switch_is_seen_to_jump(free_bench, monkeypatch) -> None:
     bench = free_bench
-    monkeypatch.setattr("daemon.manager.FADE", 0.0)
+    monkeypatch.setattr("daemon.controllers.manager.FADE", 0.0)
     assert bench.start(bench.move("arm_right_1_joint", 0.6, 0.8), (TimeEnd(after=0.4),)) is Answer.ACCEPTED
     while bench.action()[1] is Outcome.NONE:
         bench.run()

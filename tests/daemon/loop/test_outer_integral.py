@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 
 from daemon.controllers.base import Ended
+from daemon.controllers.outer_integral import CROSSING, PRESLIDING, SEARCHING, OuterIntegral
 from daemon.exchange import Answer, Outcome
-from daemon.outer_integral import CROSSING, PRESLIDING, SEARCHING, OuterIntegral
 from handrail.messages import CartesianImpedance, Pose
 from handrail.robot.description import IntegralGains
 from tests.daemon.loop.test_manager import rated_jump

@@ -16,12 +16,12 @@ from mcap.reader import make_reader
 from typer import Typer
 from typer.testing import CliRunner
 
-from daemon import recorded_loop, tape_file
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.replay_cli import replay
-from daemon.tape import Kind as Taped
-from daemon.tape import TapeWriter, as_words
-from daemon.tape_file import COMMANDS, ORDER, RECEIVED, TapeRecorder, loops
+from daemon.replay import recorded_loop, tape_file
+from daemon.replay.cli import replay
+from daemon.replay.tape import Kind as Taped
+from daemon.replay.tape import TapeWriter, as_words
+from daemon.replay.tape_file import COMMANDS, ORDER, RECEIVED, TapeRecorder, loops
 from hal.joint import JointCommand
 from handrail.messages import LogLine
 from handrail.recorder import Recording

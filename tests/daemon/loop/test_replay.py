@@ -13,11 +13,11 @@ import pytest
 
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.exchange import Answer, ControllerState, Flag, Kind
-from daemon.recorded_loop import Cycle, cycles
-from daemon.replay import Replay
-from daemon.tape import Entry, TapeReader, TapeWriter
-from daemon.tape import Kind as Taped
-from daemon.taping import TapedPort
+from daemon.replay.player import Replay
+from daemon.replay.recorded_loop import Cycle, cycles
+from daemon.replay.tape import Entry, TapeReader, TapeWriter
+from daemon.replay.tape import Kind as Taped
+from daemon.replay.taping import TapedPort
 from hal.can import frames
 from hal.drives.lifecycle import State
 from handrail.messages import CompliantMotion, ContactEnd, Step, TimeEnd

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from daemon import cli
-from daemon.drive_reports import drive_problems
 from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
 from daemon.safety import rules
 from daemon.safety.bounds import DIVERGED, STALE
 from daemon.safety.report import safety_report
 from daemon.safety.rules import Followed, followed, isolated_with, unsafe
 from daemon.safety.table import TABLE, markdown
+from daemon.serving.drive_reports import drive_problems
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
 from hal.joint import JointState

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from daemon.references import HermitePath, LinePath, PathClock
+from daemon.controllers.references import HermitePath, LinePath, PathClock
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, StreamedPose
 from daemon.wbc.tasks import SE3, JPos

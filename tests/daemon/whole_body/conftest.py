@@ -13,8 +13,8 @@ import pytest
 from daemon import exchange
 from daemon.controllers.whole_body import WholeBodyControl
 from daemon.exchange import Answer, Kind
-from daemon.tape import TapeWriter
-from daemon.whole_body_door import WholeBodyDoor
+from daemon.replay.tape import TapeWriter
+from daemon.serving.whole_body_door import WholeBodyDoor
 from hal.plant.scene import EMPTY, Scene
 from handrail.messages import EndCondition, StartAction, StreamPose, WholeBody
 from handrail.robot import description as robots

@@ -12,12 +12,12 @@ import pytest
 from daemon import exchange
 from daemon.controllers import whole_body
 from daemon.exchange import Answer, Kind, PreparedMotion
-from daemon.recorded_loop import cycles
-from daemon.replay import Replay
-from daemon.tape import TapeReader
+from daemon.replay.player import Replay
+from daemon.replay.recorded_loop import cycles
+from daemon.replay.tape import TapeReader
+from daemon.serving.whole_body_door import WholeBodyDoor, folders
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.tasks import SE3
-from daemon.whole_body_door import WholeBodyDoor, folders
 from handrail.messages import (
     DivergenceEnd,
     FixedPose,

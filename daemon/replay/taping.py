@@ -11,15 +11,15 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from daemon.actions.motion_maker import MotionMaker
 from daemon.controllers.base import Gains, MotionController
+from daemon.controllers.workshop import Done, Workshop
 from daemon.exchange import CommandReader
 from daemon.inputs import Inputs, Stops
 from daemon.loop import Loop
-from daemon.motion_maker import MotionMaker
-from daemon.recorded_loop import LoopStart
+from daemon.replay.recorded_loop import LoopStart
+from daemon.replay.tape import Kind, TapeWriter, as_words
 from daemon.safety.stop_socket import StopRequest
-from daemon.tape import Kind, TapeWriter, as_words
-from daemon.workshop import Done, Workshop
 from hal.can.port import Port
 from hal.core_pair import CorePair
 from hal.hardware import Hardware

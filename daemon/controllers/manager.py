@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from daemon.controllers.base import Array, Controller, Ended, Gains, rows_of
 from daemon.controllers.brake import Brake
 from daemon.controllers.hold import Hold
+from daemon.controllers.references import faded
 from daemon.exchange import CONTROLLERS, Outcome, Rule
-from daemon.references import faded
-from daemon.robot_state import RobotState
 from daemon.safety.limits import effective_torque
 from daemon.safety.rules import Trip, followed, unsafe
+from daemon.state.robot_state import RobotState
 from hal.joint import COMMANDED, JointCommand, Mode
 
 FADE = 0.2

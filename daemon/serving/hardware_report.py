@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from daemon.device_reports import device_statuses, gripper_state
-from daemon.drive_reports import drive_statuses
+from daemon.serving.device_reports import device_statuses, gripper_state
+from daemon.serving.drive_reports import drive_statuses
 from hal.device import SILENT_AFTER
 from handrail.messages import HardwareComponent
 from handrail.robot.description import RobotDescription

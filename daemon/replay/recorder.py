@@ -1,6 +1,6 @@
 """The recorder of a robot that is up: everything that handrail.recorder writes, and the loop's tape, from the loop's start on.
 
-python -m daemon.recorder --runtime DIR --out FILE.mcap
+python -m daemon.replay.recorder --runtime DIR --out FILE.mcap
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from daemon.tape_file import TapeRecorder
+from daemon.replay.tape_file import TapeRecorder
 from handrail.recorder import listen
 from handrail.runtime import Runtime
 
 
 def main() -> int:
     """Record until SIGTERM or Ctrl-C. Returns 1 where the file can't be written."""
-    parser = argparse.ArgumentParser(prog="python -m daemon.recorder", description="Records a robot and its loop.")
+    parser = argparse.ArgumentParser(
+        prog="python -m daemon.replay.recorder", description="Records a robot and its loop."
+    )
     parser.add_argument("--runtime", required=True, help="folder in which the robot's processes meet")
     parser.add_argument(
         "--out", required=True, type=Path, help="the MCAP file; where it exists, one with a number beside it"

@@ -1,16 +1,16 @@
 """A force-torque sensor forgets its offset: what it tells beyond its tool's weight while the robot stands and nothing touches it.
 
-Whether something does, the joints say (the momentum observer of daemon.observer), which know nothing of the sensor. What they can't
-feel is taken for the offset, too. The loop keeps it as long as it runs.
+Whether something does, the joints say (the momentum observer of daemon.state.observer), which know nothing of the sensor. What
+they can't feel is taken for the offset, too. The loop keeps it as long as it runs.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from daemon.actions import Refusal
+from daemon.actions.table import Refusal
 from daemon.exchange import Answer
-from daemon.robot_state import RobotState
+from daemon.state.robot_state import RobotState
 
 SETTLE, LISTEN = 100, 100
 """cycles in which the observer comes to rest, and over which the sensor's mean is taken"""

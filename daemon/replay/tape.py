@@ -2,7 +2,7 @@
 
 The loop appends entries with plain copies and never waits; one reader takes them away. Where that is too slow, or not there, what
 was on the tape before stays: what finds no room is not written, nor is anything after it, and the tape says in which cycle it
-broke off (`broken_in`). As in daemon.ring, all of this rests on stores becoming visible in program order.
+broke off (`broken_in`). As in daemon.exchange.ring, all of this rests on stores becoming visible in program order.
 
 An entry is whole 64-bit words: kind | body's length << 8, cycle, robot's time at the cycle's start as the loop knew it, body.
 """
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create
+from daemon.exchange.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create
 
 MARK = 0x48525441504501
 SIZE = 1 << 22
@@ -38,7 +38,7 @@ class Kind(enum.IntEnum):
     SKIPPED = 0
     """nothing: the tape goes on at its beginning"""
     START = 1
-    """the loop's start: JSON (daemon.recorded_loop.LoopStart)"""
+    """the loop's start: JSON (daemon.replay.recorded_loop.LoopStart)"""
     RECEIVED = 2
     """one look at the bus: plant's ticks so far, frames (hal.can.frames)"""
     SENT = 3

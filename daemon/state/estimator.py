@@ -1,14 +1,15 @@
 """Where a free base is and how it moves, and which feet hold: from the inertial sensor, the legs' joints and what the feet feel.
 
-The filter is a contact-aided invariant one (daemon.invariant_filter has source and equations); its body is the inertial sensor,
-and encoders say where base and feet are from there. The world is where the base was when the estimate began: there its position was
-zero, its heading zero, and up is away from gravity. Nothing measures position and heading but the feet, so both creep with them.
+The filter is a contact-aided invariant one (daemon.state.invariant_filter has source and equations); its body is the inertial
+sensor, and encoders say where base and feet are from there. The world is where the base was when the estimate began: there its
+position was zero, its heading zero, and up is away from gravity. Nothing measures position and heading but the feet, so both
+creep with them.
 
 A foot holds when what presses on its sole rises above a share of the robot's weight, until it falls below a smaller one. A
 force-torque sensor that carries the foot tells it, freed of the foot's weight; where there is none, or it is silent, the leg's
 joints do, while they are in operation: Jᵀ F = τ_spring − τ(q, q̇) over the leg, Newton-Euler's with the base moving as the
-inertial sensor feels it, behind a low-pass (as daemon.observer's, whose base stands still). A foot is anchored at its centre of
-pressure, which does not move where the sole tips over an edge, and the anchor goes where the pressure goes.
+inertial sensor feels it, behind a low-pass (as daemon.state.observer's, whose base stands still). A foot is anchored at its
+centre of pressure, which does not move where the sole tips over an edge, and the anchor goes where the pressure goes.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from daemon.base_state import BaseSource, BaseState, Trouble
-from daemon.invariant_filter import (
+from daemon.state.base_state import BaseSource, BaseState, Trouble
+from daemon.state.invariant_filter import (
     ACCELERATION,
     ANCHOR,
     BASE,
@@ -52,7 +53,7 @@ from daemon.invariant_filter import (
     turn,
     turn_back,
 )
-from daemon.observer import OBSERVER_HZ, SENSOR_AGE, WristSensor
+from daemon.state.observer import OBSERVER_HZ, SENSOR_AGE, WristSensor
 from daemon.wbc.model import with_frames_of_one_name_each
 from hal.device import DeviceState
 from hal.drives.lifecycle import State, decode_statusword

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from daemon.actions import Action, ActionTable
-from daemon.base_state import BaseSource
-from daemon.controller_table import ControllerTable
+from daemon.actions.table import Action, ActionTable
+from daemon.controllers.manager import ControllerManager
+from daemon.controllers.table import ControllerTable
 from daemon.exchange import MAX_HOLDS, ActionState, Flag, StateWriter
 from daemon.life import Life
-from daemon.manager import ControllerManager
 from daemon.orders import Orders
-from daemon.robot_state import RobotState
+from daemon.state.base_state import BaseSource
+from daemon.state.robot_state import RobotState
 from hal.can.counting import BUSY_NS, RECEIVED, SENT
 from hal.hardware import Hardware
 from hal.joint import JointCommand

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from daemon.validation import check_all_finite, check_knots, check_quaternion, nearest
+from daemon.serving.validation import check_all_finite, check_knots, check_quaternion, nearest
 from handrail import messages as m
 from handrail.config import ConfigError
 from handrail.robot.description import RobotDescription

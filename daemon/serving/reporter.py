@@ -9,8 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.device_reports import device_problems, device_states, device_statuses
-from daemon.drive_reports import drive_marks, drive_problems, drive_statuses
 from daemon.exchange import (
     MAX_HOLDS,
     ActionState,
@@ -21,7 +19,9 @@ from daemon.exchange import (
     robot_state,
     snapshot_dtype,
 )
-from daemon.journal import Journal, Started
+from daemon.serving.device_reports import device_problems, device_states, device_statuses
+from daemon.serving.drive_reports import drive_marks, drive_problems, drive_statuses
+from daemon.serving.journal import Journal, Started
 from handrail.messages import (
     ActionEvent,
     BusStatistics,
@@ -54,7 +54,7 @@ class Reporter:
         journal: Journal,
         columns: Mapping[str, Sequence[str]] | None = None,
     ):
-        """`journal`: the actions that were given to the loop; `columns`: see daemon.device_reports.other_columns."""
+        """`journal`: the actions that were given to the loop; `columns`: see daemon.serving.device_reports.other_columns."""
         self._description, self._clock, self._journal = description, clock, journal
         self.snapshot: np.ndarray | None = None
         """the newest, shape (); None while no loop has published one"""

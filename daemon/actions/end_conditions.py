@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.robot_state import RobotState
 from daemon.safety.rules import Followed
+from daemon.state.robot_state import RobotState
 from hal.hardware import LOST_AFTER
 from handrail.messages import (
     ContactEnd,

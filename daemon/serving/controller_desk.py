@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from daemon.controllers.roster import Loaded, Roster, own_kinds, read_roster
 from daemon.exchange import (
     CONTROLLERS,
     LOADED_CODE,
@@ -19,8 +20,7 @@ from daemon.exchange import (
     encode_controllers,
     how_it_went,
 )
-from daemon.roster import Loaded, Roster, own_kinds, read_roster
-from daemon.validation import check_load, check_loaded
+from daemon.serving.validation import check_load, check_loaded
 from hal.joint import COMMANDED
 from handrail.messages import (
     ConfigureController,

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daemon.exchange import COMMAND, ControllerState
+from daemon.replay.tape import Entry, Kind, Words
 from daemon.safety.stop_socket import StopRequest
-from daemon.tape import Entry, Kind, Words
 from hal.can.frames import RECORD
 from handrail.robot.description import RobotDescription
 from handrail.robot.keepsake import keepsake

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daemon.actions.motion_maker import MotionMaker
 from daemon.controllers.base import Gains, MotionController
+from daemon.controllers.workshop import Done, Workshop
 from daemon.exchange import ControllerState
 from daemon.inputs import Inputs
 from daemon.loop import Loop
-from daemon.motion_maker import MotionMaker
-from daemon.recorded_loop import Cycle
+from daemon.replay.recorded_loop import Cycle
 from daemon.safety.stop_socket import StopRequest
-from daemon.workshop import Done, Workshop
 from hal.can import frames
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.hardware import Hardware

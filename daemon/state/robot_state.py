@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from daemon.base_state import BaseSource, BaseState, Trouble
-from daemon.estimator import BaseEstimator, can_estimate
-from daemon.observer import ExternalWrenches
+from daemon.state.base_state import BaseSource, BaseState, Trouble
+from daemon.state.estimator import BaseEstimator, can_estimate
+from daemon.state.observer import ExternalWrenches
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
 from handrail.robot.kinematics import Kinematics
@@ -137,9 +137,9 @@ class RobotState:
 
         A force-torque sensor that carries the frame tells it, freed of the weight and inertia of what it carries, and of its
         offset where it was tared. Otherwise the joints do: weighted, damped least squares of Jᵀ F = r with the momentum
-        observer's r (daemon.observer). Then a force elsewhere on the arm is taken for one at the frame, an error of the model's
-        mass and friction in the joints count fully, and along directions that the joints hardly move the estimate is pulled to
-        zero by the damping.
+        observer's r (daemon.state.observer). Then a force elsewhere on the arm is taken for one at the frame, an error of the
+        model's mass and friction in the joints count fully, and along directions that the joints hardly move the estimate is
+        pulled to zero by the damping.
         """
         if frames or self.wrenches:
             self._outside.update(frames, self._q, self._v, self._measured_pass)

@@ -27,10 +27,10 @@ import numpy as np
 
 from daemon.controllers.base import ChainableController, Controller, Gains, Setup, rows_of
 from daemon.controllers.registry import KINDS, find_kind
-from daemon.doorbell import Bell, server_doorbell
+from daemon.controllers.roster import NEWS_KEPT, Loaded, News, Roster, write_roster
 from daemon.exchange import LOADED_CODE, ControllerState
-from daemon.robot_state import RobotState
-from daemon.roster import NEWS_KEPT, Loaded, News, Roster, write_roster
+from daemon.exchange.doorbell import Bell, server_doorbell
+from daemon.state.robot_state import RobotState
 from hal.joint import COMMANDED, JointCommand, JointState
 from handrail.messages import ConfigureController, LoadController
 from handrail.robot.kinematics import Kinematics

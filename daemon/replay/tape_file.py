@@ -26,8 +26,8 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from zstandard import ZstdError
 
 from daemon.exchange import COMMAND
-from daemon.recorded_loop import LoopStart
-from daemon.tape import Entry, Kind, TapeReader, as_words
+from daemon.replay.recorded_loop import LoopStart
+from daemon.replay.tape import Entry, Kind, TapeReader, as_words
 from hal.can.frames import RECORD
 from hal.joint import COMMANDED
 from handrail.recorder import Recording
@@ -45,7 +45,7 @@ _BROKEN = "broken"
 
 
 class LoopNote(msgspec.Struct, kw_only=True):
-    """An entry that comes seldom; what it tells, daemon.tape.Kind says."""
+    """An entry that comes seldom; what it tells, daemon.replay.tape.Kind says."""
 
     event: int
     cycle: int

@@ -72,7 +72,7 @@ class WristSensor:
         model = kinematics.model
         self._values, self._age, self._row = devices.values[row, :6], devices.age, row
         self.offset = np.zeros(6)
-        """N, N·m that it tells when nothing is there, in its own axes: see daemon.taring"""
+        """N, N·m that it tells when nothing is there, in its own axes: see daemon.state.taring"""
         self._reading = pin.Force.Zero()
         self._read_into = self._reading.vector
         frame = model.frames[kinematics.frame_id(link)]

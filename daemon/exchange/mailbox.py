@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create, whole_lines
+from daemon.exchange.shared_file import COUNTER, OTHER_COUNTER, WORDS, Attached, create, whole_lines
 
 MARK = 0x48524D41494C_01
 

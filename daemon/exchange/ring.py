@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.shared_file import COUNTER, WORDS, Attached, create, whole_lines
+from daemon.exchange.shared_file import COUNTER, WORDS, Attached, create, whole_lines
 
 MARK = 0x48525354415445_01
 

@@ -78,6 +78,6 @@ def read_roster(file: Path) -> Roster:
 
 def own_kinds() -> dict[str, Path]:
     """The user's own controllers: name → file, found in the workspace, not imported."""
-    built_in = Path(__file__).parent / "controllers"
+    built_in = Path(__file__).parent
     folders = [folder for folder in search_path("controllers", "daemon", "controllers") if folder != built_in]
     return {name: file for name, file in files(folders, ".py").items() if not name.startswith("_")}

@@ -1,4 +1,4 @@
-"""What is known of a robot's base and feet in one cycle, as the loop holds it and the snapshot tells it (daemon.estimator)."""
+"""What is known of a robot's base and feet in one cycle, as the loop holds it and the snapshot tells it."""
 
 from __future__ import annotations
 

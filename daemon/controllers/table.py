@@ -1,7 +1,7 @@
 """The controllers that are loaded by name, and what state each is in: the loop's side, a few comparisons a cycle.
 
-They are made beside the loop (daemon.workshop). Here they are switched on and off, several at once, in one cycle or not at all.
-A controller that fails while it is active is unconfigured afterwards: configuring it makes it anew.
+They are made beside the loop (daemon.controllers.workshop). Here they are switched on and off, several at once, in one cycle or
+not at all. A controller that fails while it is active is unconfigured afterwards: configuring it makes it anew.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.actions import Refusal
+from daemon.actions.table import Refusal
 from daemon.controllers.base import ChainableController, Controller, Ended
+from daemon.controllers.manager import ActivationError, ChainError, ClaimError, CommandError, ControllerManager
+from daemon.controllers.workshop import Done, Job, When, Workshop
 from daemon.exchange import CONTROLLER_CHANGE, MAX_LOADED, Answer, ControllerState, Outcome
-from daemon.manager import ActivationError, ChainError, ClaimError, CommandError, ControllerManager
-from daemon.workshop import Done, Job, When, Workshop
 from hal.joint import JointCommand
 
 
@@ -37,7 +37,7 @@ class ControllerTable:
         self._manager, self._workshop = manager, workshop
         self._slots: list[Slot | None] = [None] * MAX_LOADED
         self.roster = 0
-        """goes up with every change but switches: number of the file (daemon.roster) that tells of it"""
+        """goes up with every change but switches: number of the file (daemon.controllers.roster) that tells of it"""
         self.time_ns = self.cycle = 0
         """of the present cycle"""
         self._states = np.zeros(MAX_LOADED, np.uint8)

@@ -12,10 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.behaviours import Chain, frame_of
+from daemon.actions.behaviours import Chain, frame_of
+from daemon.actions.end_conditions import Place, first_met, force_frames
 from daemon.controllers.base import Controller, MotionController
+from daemon.controllers.manager import ActivationError, ClaimError, ControllerManager
 from daemon.controllers.registry import for_motion
-from daemon.end_conditions import Place, first_met, force_frames
 from daemon.exchange import (
     SLOTS,
     ActionState,
@@ -29,9 +30,8 @@ from daemon.exchange import (
     StreamedReference,
     TrajectoryMotion,
 )
-from daemon.manager import ActivationError, ClaimError, ControllerManager
-from daemon.robot_state import RobotState
 from daemon.safety.rules import expired, followed, unsafe
+from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 from handrail.messages import EndCondition
 

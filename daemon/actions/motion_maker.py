@@ -1,8 +1,8 @@
 """Makes the controllers of motions that take long to make, beside the loop: whole-body control needs a model and compiled code.
 
-A thread does it when somebody asks (as daemon.workshop's, which says what that means for the loop); until then nothing of it is
-even imported. The loop looks in from cycle to cycle whether a controller is there. In lock-step a start waits for it, so that a
-replay starts in the same cycle.
+A thread does it when somebody asks (as daemon.controllers.workshop's, which says what that means for the loop); until then
+nothing of it is even imported. The loop looks in from cycle to cycle whether a controller is there. In lock-step a start waits
+for it, so that a replay starts in the same cycle.
 """
 
 from __future__ import annotations

@@ -18,9 +18,9 @@ from handrail.robot.keepsake import restore
 from handrail.runtime import memory_folder
 
 if TYPE_CHECKING:  # what a loop needs takes a second to import: not for --help
-    from daemon.recorded_loop import Cycle, LoopStart
-    from daemon.replay import Difference
-    from daemon.tape_file import FiledLoop
+    from daemon.replay.player import Difference
+    from daemon.replay.recorded_loop import Cycle, LoopStart
+    from daemon.replay.tape_file import FiledLoop
 
 _SHOWN_EVERY = 1000
 """cycles"""
@@ -38,7 +38,7 @@ def replay(
     Nothing moves, and no robot need be up. Controllers are those of now: change one, and see the first cycle in which the robot
     would have been commanded otherwise. Exit status 0: the same; 1: different; 2: the file can't be used.
     """
-    from daemon.tape_file import UnusableRecording, loops
+    from daemon.replay.tape_file import UnusableRecording, loops
 
     same = True
     try:
@@ -53,9 +53,9 @@ def replay(
 
 def _replayed(loop: FiledLoop, number: int, robot: str | None, most: int | None) -> bool:
     """Replay one of a file's loops and tell of it; whether it did the same."""
-    from daemon.recorded_loop import cycles, made_with
-    from daemon.replay import Replay
-    from daemon.tape_file import UnusableRecording
+    from daemon.replay.player import Replay
+    from daemon.replay.recorded_loop import cycles, made_with
+    from daemon.replay.tape_file import UnusableRecording
     from daemon.warm_up import warm_up
     from handrail.robot.kinematics import Kinematics
 
@@ -92,7 +92,7 @@ def _replayed(loop: FiledLoop, number: int, robot: str | None, most: int | None)
 
 def _description(start: LoopStart, robot: str | None, folder: Path) -> RobotDescription:
     """The robot as it was recorded, or the one that is asked for. Raises ConfigError, UnusableRecording."""
-    from daemon.tape_file import UnusableRecording
+    from daemon.replay.tape_file import UnusableRecording
 
     if robot is None:
         try:

@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from daemon.controllers.roster import Loaded, Roster
 from daemon.exchange import COMMAND, CONTROLLERS, MAX_ENDS, Flag
-from daemon.roster import Loaded, Roster
 from handrail.messages import (
     CartesianImpedance,
     CommandGripper,
@@ -70,7 +70,7 @@ def check_start(
     """
     _check_call(message, snapshot)
     if isinstance(message.motion, WholeBody):
-        _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.whole_body_door
+        _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.serving.whole_body_door
         _check_ends(message.ends, description, frames)
         return
     if isinstance(message.motion, JointStream):

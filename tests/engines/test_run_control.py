@@ -204,12 +204,12 @@ def test_the_runs_data_are_its_parameters_and_its_variables(stack):
 
 def test_a_run_takes_what_it_moves_and_returns_it_at_its_end(stack, daemon, wait_until):
     action = begin(stack, daemon, wait_until)
-    (lease,) = daemon.serving.leases.held()
+    (lease,) = daemon.leases.held()
     assert (lease.part, lease.owner) == ("tool", "engine")
     assert action.lease == lease.epoch
     stack.call(m.StopRun())
     stack.ended()
-    wait_until(lambda: not daemon.serving.leases.held())
+    wait_until(lambda: not daemon.leases.held())
 
 
 def test_who_takes_over_cancels_the_run_which_says_so(stack, daemon, wait_until):
@@ -219,11 +219,11 @@ def test_who_takes_over_cancels_the_run_which_says_so(stack, daemon, wait_until)
     assert ended.status == "failed"
     assert "operator has taken over tool" in ended.detail
     assert len(daemon.started()) == 1
-    assert [lease.owner for lease in daemon.serving.leases.held()] == ["operator"]
+    assert [lease.owner for lease in daemon.leases.held()] == ["operator"]
 
 
 def test_a_run_does_not_move_what_somebody_else_has(stack, daemon, wait_until):
-    daemon.serving.leases.take("operator", "body")
+    daemon.leases.take("operator", "body")
     stack.place()
     stack.run(goal_deg=90)
     stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))

@@ -17,7 +17,9 @@ from hal.plant.actuator_kernels import (
     DERATING,
     LIMITED,
     MODE,
+    POSITION,
     POWERED,
+    READING,
     READING_RATE,
     READING_TORQUE,
     SMOOTH,
@@ -33,6 +35,8 @@ STEP_NS = 1_000_000
 """one step of the plant"""
 QUICK_STOP_NS = 250_000_000
 """how long a quick stop damps before the brake closes"""
+QUICK_STOP_RATE = 10.0
+"""1/s, of a quick stop's stiffness to its damping: a load that grows on the way moves the joint by little, and ever more slowly"""
 BRAKE_RELEASE_NS = 50_000_000
 """from the first command to the open brake: the spring takes the load up meanwhile, so that nothing drops"""
 AMBIENT = 25.0
@@ -182,7 +186,8 @@ def _live(now, drives, actuators):  # type: ignore[no-untyped-def]
                 marks[STATE, j], marks[ERROR, j] = _QUICK_STOP, _WATCHDOG
                 traits[MODE, j], signals[DAMPING, j] = _IMPEDANCE, values[QUICK_STOP_DAMPING, j]
                 signals[TORQUE, j] = signals[READING_TORQUE, j]
-                signals[STIFFNESS, j] = signals[VELOCITY, j] = 0.0
+                signals[POSITION, j], signals[VELOCITY, j] = signals[READING, j], 0.0
+                signals[STIFFNESS, j] = QUICK_STOP_RATE * values[QUICK_STOP_DAMPING, j]
                 times[STOPPED, j] = now
             elif marks[BRAKED, j] and first != NEVER and now - first >= BRAKE_RELEASE_NS:
                 marks[BRAKED, j] = False

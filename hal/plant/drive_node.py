@@ -8,7 +8,8 @@ state                 torque                                                    
 ===================== ================================================================= =================
 operation enabled     as commanded, once a command came and the brake is released       open
 quick stop active     for 0.25 s what the spring carried when it began                  open, then closed
-                      − quick_stop_damping · velocity, then none
+                      − quick_stop_damping · (velocity + 10/s · way since then),
+                      then none
 any other             none                                                              closed
 ===================== ================================================================= =================
 
@@ -140,9 +141,11 @@ class DriveNodes:
         elif after is State.QUICK_STOP_ACTIVE:
             a = actuators
             self._stopped[row] = self.now_ns
-            # It damps about the load that it carried: gravity or a tool's contact must not take the joint along meanwhile.
+            # It holds about the load that it carried: gravity or a tool's contact must not take the joint along meanwhile, nor what
+            # comes on top of it, when a contact gives way say.
             a.mode[row], a.damping[row] = Mode.IMPEDANCE, self._quick_stop_damping[row]
-            a.torque[row], a.stiffness[row], a.velocity[row] = a.measured_torque[row], 0.0, 0.0
+            a.stiffness[row] = kernel.QUICK_STOP_RATE * self._quick_stop_damping[row]
+            a.torque[row], a.position[row], a.velocity[row] = a.measured_torque[row], a.measured_position[row], 0.0
         else:
             actuators.powered[row] = False
             if not self.brakes[row]:

@@ -10,6 +10,7 @@ from hal.drives.lifecycle import CONTROLWORD, Command, DriveError, State, contro
 from hal.drives.protocol import LimbProtocol
 from hal.joint import JointState, Mode
 from hal.plant.bus_node import BusNode
+from hal.plant.drive_kernels import QUICK_STOP_RATE
 
 
 def _all(host, command: Command) -> np.ndarray:
@@ -75,7 +76,7 @@ def test_silence_leads_to_hold_then_quick_stop_then_brake(host):
     assert (drives.state == State.QUICK_STOP_ACTIVE).all()
 
 
-def test_a_quick_stop_damps_about_the_load_so_that_nothing_drops(host):
+def test_a_quick_stop_holds_softly_about_the_load_so_that_nothing_drops(host):
     host.enable()
     host.cycle(100)
     world, drives = host.world, host.world.drives
@@ -83,13 +84,15 @@ def test_a_quick_stop_damps_about_the_load_so_that_nothing_drops(host):
     assert (drives.state == State.QUICK_STOP_ACTIVE).all()
     assert (drives.error == DriveError.NONE).all()  # asked for, not failed
     moved, load = world.position.copy(), drives.actuators.measured_torque.copy()
+    began = drives.actuators.measured_position.copy()
     assert np.abs(load).max() > 5.0
     for _ in range(1000):
         world.step()
         if drives.brakes.any():
             break
-        damping = world.description.quick_stop_damping * drives.actuators.measured_velocity
-        np.testing.assert_allclose(drives.actuators.goal, load - damping, atol=1e-9)
+        way = drives.actuators.measured_position - began
+        held = world.description.quick_stop_damping * (drives.actuators.measured_velocity + QUICK_STOP_RATE * way)
+        np.testing.assert_allclose(drives.actuators.goal, load - held, atol=1e-9)
     assert drives.brakes.all()
     assert np.abs(world.position - moved).max() < 5e-3
     world.advance(100)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import io
 import json
 import sys
-import time
+import threading
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import can
 import pytest
@@ -86,6 +87,14 @@ def test_the_daemons_status_has_the_state_of_its_network_interfaces_while_they_a
     ip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bus_watch, "_PERIOD_S", 0.02)
+    looked = threading.Semaphore(0)
+    of_link = bus_watch.of_link
+
+    def heard(*link: Any) -> Any:
+        looked.release()
+        return of_link(*link)
+
+    monkeypatch.setattr(bus_watch, "of_link", heard)
     channels = [
         Channel(name="left", interface="socketcan", channel="can0", bitrate=1_000_000, data_bitrate=5_000_000),
         Channel(name="gone", interface="socketcan", channel="can9", bitrate=1_000_000, data_bitrate=5_000_000),
@@ -94,9 +103,10 @@ def test_the_daemons_status_has_the_state_of_its_network_interfaces_while_they_a
     watch = BusWatch(Runtime.at(tmp_path / "robot"), channels)
 
     def wait_for(states: dict[str, str]) -> None:
-        until = time.monotonic() + 10.0
-        while watch.states() != states and time.monotonic() < until:
-            time.sleep(0.02)
+        for _ in range(50):
+            if watch.states() == states:
+                return
+            assert looked.acquire(timeout=10.0)
         assert watch.states() == states
 
     wait_for({"left": "error_passive"})

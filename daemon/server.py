@@ -52,7 +52,13 @@ from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, clear_stop, leave, stop_now
 from handrail.topics import Publisher, RefusedError, Service, refuse
 
-_ABOUT_DEVICES = tuple(map(exchange.Answer.__getitem__, ("DEVICE_SILENT", "ENABLED", "TARING", "TOUCHED", "TWISTED")))
+_ABOUT_DEVICES = (
+    exchange.Answer.DEVICE_SILENT,
+    exchange.Answer.ENABLED,
+    exchange.Answer.TARING,
+    exchange.Answer.TOUCHED,
+    exchange.Answer.TWISTED,
+)
 """answers that are about a device, not a joint"""
 _ANSWER_TIMEOUT_S = 3.0
 """how long a call waits for the loop's word: it looks into its mailbox every cycle, and cycles in lock-step are long where the

@@ -42,7 +42,7 @@ class Parts:
                 self._held[part] = lease = self._daemon.call(TakeLease(owner=self._daemon.owner, part=part))
                 self._sequence = max(self._sequence, lease.sequence)
         self._sequence += 1
-        newest = max(lease.epoch for lease in self._held.values())
+        newest = max((lease.epoch for lease in self._held.values()), default=0)
         return msgspec.structs.replace(message, lease=newest, sequence=self._sequence)
 
     def taken_over(self) -> str:

@@ -124,6 +124,7 @@ def _laid_over(base: CommentedMap, top: CommentedMap) -> CommentedMap:
 
 
 def plain(node: Any) -> Any:
+    """The same of Python's own dicts, lists and scalars, without ruamel's types."""
     if isinstance(node, dict):
         return {str(key) if not isinstance(key, str) else key: plain(value) for key, value in node.items()}
     if isinstance(node, list):

@@ -1091,8 +1091,11 @@ class GripperOrder(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
     gripper: Name
     position: float
+    """rad or m, of the driven joint"""
     velocity: NonNegative = 0.0
+    """rad/s or m/s, at most; 0: its limit"""
     effort: NonNegative = 0.0
+    """N·m or N, at most; 0: its limit"""
 
 
 class Step(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):

@@ -9,8 +9,9 @@ hour it was made; a message's own `time_ns` stays as it was. SIGTERM (or Ctrl-C)
 | topic | schema | |
 | --- | --- | --- |
 | /joint_states, /joint_commands | foxglove.JointStates | measured rad, rad/s, N·m; commanded rad; every RobotState (100 Hz) |
-| /tf | foxglove.FrameTransforms | moving links, tools and template instances in base_link, 25 Hz |
-| /camera/NAME | foxglove.PointCloud | what a depth camera sees, in base_link, as it comes |
+| /tf | foxglove.FrameTransforms | links, tools, instances in base_link, or with a free base in world, 25 Hz |
+| /base | handrail.Base | where a free base is; every RobotState |
+| /camera/NAME | foxglove.PointCloud | what a depth camera sees, in the same frame, as it comes |
 | /tool/ARM | foxglove.PoseInFrame | the tool's contact point, 25 Hz |
 | /daemon_status, /action, /controller, /run_state, /instance, /plan, /prompt, /prompt_closed | handrail.* | as they come |
 | /can/CHANNEL | handrail.BusStatistics | with each DaemonStatus |

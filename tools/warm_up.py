@@ -17,7 +17,7 @@ ROOT, ROBOT, FREE = Path(__file__).resolve().parent.parent, "talos_upper", "talo
 
 def main() -> None:
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
-        for part in [processes.submit(compile_part) for compile_part in (_robot, _arms)]:
+        for part in [processes.submit(compile_part) for compile_part in (_robot, _arms, _base)]:
             part.result()
     for package in ("hal", "daemon", "engines"):
         delete_leftovers(ROOT / package)

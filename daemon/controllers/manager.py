@@ -215,7 +215,8 @@ class ControllerManager:
         last: JointCommand,
         why: Ended,
     ) -> Brake | None:
-        """Have whoever moves one of `joints` (rows) replaced by a brake from `position`, `velocity` (n,), run into `command`.
+        """Have whoever moves one of `joints` (rows) replaced by a brake of `duration` s from `position`,
+        `velocity` (n,) rad, rad/s, run into `command`.
 
         None where they are all held, or brake already.
         """

@@ -295,8 +295,9 @@ class StreamMotion:
 
     joints: NDArray[np.int64]
     bridge: float
-    """s"""
+    """s for which the newest sample goes on"""
     expiry: float
+    """s without a sample after which it ends"""
     speed: float
     """rad/s"""
 
@@ -309,6 +310,7 @@ class JointSample:
     position: NDArray[np.float64]
     """(m,) rad"""
     velocity: NDArray[np.float64]
+    """(m,) rad/s"""
 
 
 @dataclass(frozen=True)

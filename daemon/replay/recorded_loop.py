@@ -85,7 +85,7 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Then:
-    """Something between two cycles: an order (with whether its prepared motion was there), a stop request, or periods skipped."""
+    """Something between two cycles: an order (was its prepared motion there? Cycle.motions), a stop request, or periods skipped."""
 
     order: tuple[np.ndarray, np.ndarray] | None = None
     stop: StopRequest | None = None

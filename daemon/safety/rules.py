@@ -73,7 +73,7 @@ def _followed(joints, commanded, memory):  # type: ignore[no-untyped-def]
     farthest, most, oldest, age = joints[0], -1.0, joints[0], np.int64(-1)
     for j in joints:
         off = abs(table[0, j] - commanded[j])
-        if not off <= most:  # NaN, too
+        if not (np.isnan(most) or off <= most):  # NaN, too, which stays
             farthest, most = j, off
         if times[0, j] > age:
             oldest, age = j, times[0, j]

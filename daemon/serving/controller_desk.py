@@ -60,10 +60,10 @@ class ControllerDesk:
     def deactivations(self, snapshot: np.ndarray) -> Iterator[ControllerEvent]:
         """What has been deactivated since the last call, other than by a switch."""
         changes, before = snapshot["controller_changes"], self._changes
-        if before is not None and not np.array_equal(changes, before):
+        if before is not None and not np.array_equal(changes["cycle"], before["cycle"]):
             for entry in self.roster.loaded:
                 change = changes[entry.slot]
-                if change == before[entry.slot] or change["why"] in (Outcome.NONE, Outcome.DONE):
+                if change["cycle"] == before[entry.slot]["cycle"] or change["why"] in (Outcome.NONE, Outcome.DONE):
                     continue
                 yield ControllerEvent(
                     name=entry.name,

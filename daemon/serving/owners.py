@@ -41,7 +41,7 @@ class Owners:
         return self._names.get(number, f"owner {number}")
 
     def tick(self, wall: float, robot: float | None) -> None:
-        """Time goes on; to be called every few hundredths of a second.
+        """Time goes on; to be called every tenth of a second or so: by so much a silence may be counted too long.
 
         :param wall: s, monotonic
         :param robot: s, the robot's clock; None while there is no loop to tell it

@@ -396,7 +396,7 @@ def _spread(covariance, m, out):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _tell(x, covariance, n, out, still):  # type: ignore[no-untyped-def]
+def _tell(x, covariance, n, out):  # type: ignore[no-untyped-def]
     """The base, from the sensor: pose, twist, deviations."""
     product(x, WORK, R, BASE)
     turn(x, WORK + 9, R, BASE_PLACE)
@@ -518,7 +518,7 @@ def _estimate(  # type: ignore[no-untyped-def]
                 source = _OF_STILL
                 turn(x, WORK + 40, BASE, _SPEED)
                 hang_still(x, covariance, WORK + 40, n)
-        _tell(x, covariance, n, out, source)
+        _tell(x, covariance, n, out)
         if not (out[13] < _LOST and math.isfinite(out[0] + out[1] + out[2] + out[3])):
             source, trouble = _OF_NOTHING, _IS_LOST
     marks[_RUNNING] = trouble == _FINE

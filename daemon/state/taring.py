@@ -33,7 +33,7 @@ class Taring:
         """where the joints are asked, while it goes on"""
 
     def ask(self, row: int) -> Refusal:
-        """Begin with the sensor of a row of RobotDescription.devices, or say how it went; NOT_READY: it goes on, ask again.
+        """Begin with the sensor of a row of RobotDescription.devices, or say how it went; TARING: it goes on, ask again.
 
         ACCEPTED has the size of the offset, N.
         """
@@ -70,8 +70,11 @@ class Taring:
             if self._cycles < SETTLE + LISTEN:
                 return
             offset = self._sum / LISTEN
-            self._robot.sensors[self._row].offset[:] = offset
-            told = Refusal(Answer.ACCEPTED, value=float(np.linalg.norm(offset[:3])))
+            if np.isfinite(offset).all():
+                self._robot.sensors[self._row].offset[:] = offset
+                told = Refusal(Answer.ACCEPTED, value=float(np.linalg.norm(offset[:3])))
+            else:  # it told what is no number
+                told = Refusal(Answer.DEVICE_SILENT, self._row)
         self._told, self._frame = told, ""
 
     def _hindered(self, enabled: bool) -> Refusal | None:
@@ -81,12 +84,12 @@ class Taring:
         if not robot.sensors[self._row].fresh:
             return Refusal(Answer.DEVICE_SILENT, self._row)
         fastest = int(np.argmax(np.abs(robot.joints.velocity)))
-        if (speed := abs(float(robot.joints.velocity[fastest]))) > STILL:
+        if not (speed := abs(float(robot.joints.velocity[fastest]))) <= STILL:
             return Refusal(Answer.MOVING, fastest, speed)
         if self._cycles < SETTLE:
             return None
         felt = robot.felt_by_joints(self._frame)
         force, moment = float(np.linalg.norm(felt[:3])), float(np.linalg.norm(felt[3:]))
-        if force > FREE_N:
+        if not force <= FREE_N:
             return Refusal(Answer.TOUCHED, self._row, force)
-        return Refusal(Answer.TWISTED, self._row, moment) if moment > FREE_NM else None
+        return None if moment <= FREE_NM else Refusal(Answer.TWISTED, self._row, moment)

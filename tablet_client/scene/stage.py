@@ -223,7 +223,8 @@ class Stage(QObject):
         moved = np.linalg.norm(ghost[:, :3, 3] - poses[:, :3, 3], axis=1) > _APART
         cosine = (np.einsum("bij,bij->b", ghost[:, :3, :3], poses[:, :3, :3]) - 1) / 2
         self._ghost.pose(ghost, moved | (np.arccos(np.clip(cosine, -1, 1)) > _TURNED))
-        self._draw_trail(track, (plan.id, stale, track), position)
+        base = self._drawn_base[:3].round(2).ravel().tolist()  # a trail costs many poses: only where it is seen to move
+        self._draw_trail(track, (plan.id, stale, track, *base), position)
 
     def _draw_trail(self, track: Track | None, key: tuple[object, ...], position: np.ndarray | None = None) -> None:
         if key == self._drawn_trail:

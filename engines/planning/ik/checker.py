@@ -170,7 +170,7 @@ class Checker:
 def missed(measures: Sequence[Measure]) -> tuple[Measure, ...]:
     """Those that are missed by more than is tolerated, worst first."""
     found = [m for m in measures if not m.by <= (ANGLE if m.unit == "rad" else LENGTH)]  # not finite: missed
-    return tuple(sorted(found, key=lambda m: -m.by * (0.3 if m.unit == "rad" else 1.0))) if found else ()
+    return tuple(sorted(found, key=lambda m: -m.size)) if found else ()
 
 
 def _angle(a: Array, b: Array) -> float:

@@ -104,15 +104,24 @@ class JointLimits(Constraint):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Position(Constraint):
-    """A point on a frame lies in a box: its coordinates in `box` are within the bounds."""
+class _OfFrame(Constraint):
+    """What is said of one frame, seen from another."""
 
     frame: str
+    in_frame: str = WORLD
+
+    def _words(self) -> str:
+        return f"{type(self).__name__.lower()} of {self.frame}" + (f" in {self.in_frame}" if self.in_frame else "")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Position(_OfFrame):
+    """A point on a frame lies in a box: its coordinates in `box` are within the bounds."""
+
     lower: Vector
     upper: Vector
     point: Vector = _ORIGIN
     """in `frame`"""
-    in_frame: str = WORLD
     box: PoseMessage = field(default_factory=PoseMessage)
     """the box's own frame, in `in_frame`"""
 
@@ -128,38 +137,28 @@ class Position(Constraint):
         low, high = ([float(x) + sign * tolerance for x in target] for sign in (-1, 1))
         return cls(frame=frame, lower=tuple(low), upper=tuple(high), **more)  # type: ignore[arg-type]
 
-    def _words(self) -> str:
-        return f"position of {self.frame}" + (f" in {self.in_frame}" if self.in_frame else "")
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Orientation(Constraint):
+class Orientation(_OfFrame):
     """A frame is turned at most `angle` rad from the target orientation; 0: exactly so."""
 
-    frame: str
     target: Quaternion
     angle: float = 0.0
-    in_frame: str = WORLD
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_quaternion(target=self.target)
         self._check_angle(angle=self.angle)
 
-    def _words(self) -> str:
-        return f"orientation of {self.frame}" + (f" in {self.in_frame}" if self.in_frame else "")
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pose(Constraint):
+class Pose(_OfFrame):
     """A frame is at a pose: its origin within bounds along the target's own axes, turned by at most `angle` from it."""
 
-    frame: str
     target: PoseMessage
     lower: Vector = _ORIGIN
     upper: Vector = _ORIGIN
     angle: float = 0.0
-    in_frame: str = WORLD
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -167,9 +166,6 @@ class Pose(Constraint):
         self._check_quaternion(target=self.target.orientation)
         self._check_bounds(self.lower, self.upper)
         self._check_angle(angle=self.angle)
-
-    def _words(self) -> str:
-        return f"pose of {self.frame}" + (f" in {self.in_frame}" if self.in_frame else "")
 
     @cached_property
     def halves(self) -> tuple[Position, Orientation]:
@@ -182,23 +178,18 @@ class Pose(Constraint):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Direction(Constraint):
+class Direction(_OfFrame):
     """An axis of a frame points along a direction, to within a cone of half-angle `cone`; 0: exactly. Turning about it is free."""
 
-    frame: str
     axis: Vector
     direction: Vector
     """in `in_frame`"""
     cone: float = 0.0
-    in_frame: str = WORLD
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_direction(axis=self.axis, direction=self.direction)
         self._check_angle(cone=self.cone)
-
-    def _words(self) -> str:
-        return f"direction of {self.frame}" + (f" in {self.in_frame}" if self.in_frame else "")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.constraints import WORLD, Constraint
 from engines.planning.ik.report import Measure
+from engines.planning.obstacles import placement_of
 
 
 def goals_inside(constraints: Sequence[Constraint]) -> Iterator[Measure]:
@@ -21,9 +22,7 @@ def goals_inside(constraints: Sequence[Constraint]) -> Iterator[Measure]:
         position = constraint.halves[0] if isinstance(constraint, kinds.Pose) else constraint
         if not isinstance(position, kinds.Position) or position.in_frame != WORLD or position.lower != position.upper:
             continue
-        x, y, z, w = position.box.orientation
-        turn = pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
-        goal = np.array(position.box.position) + turn @ position.lower
+        goal = placement_of(position.box) * np.array(position.lower)
         for obstacle in obstacles:
             depth = _distance(goal, obstacle.geometry, obstacle.placement)
             if depth < 0.0:

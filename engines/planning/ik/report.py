@@ -13,6 +13,10 @@ from engines.planning.plan import Infeasible
 Array = NDArray[np.float64]
 
 
+ANGLE_WEIGHT = 0.3
+"""m/rad: what a radian counts against a metre while not everything can be kept"""
+
+
 class Measure(NamedTuple):
     """One figure that a constraint is about."""
 
@@ -30,6 +34,11 @@ class Measure(NamedTuple):
     def by(self) -> float:
         """How far it is out of its bounds; 0 within."""
         return max(self.lower - self.value, self.value - self.upper, 0.0)
+
+    @property
+    def size(self) -> float:
+        """m, the same; an angle counts ANGLE_WEIGHT."""
+        return self.by * (ANGLE_WEIGHT if self.unit == "rad" else 1.0)
 
     def __str__(self) -> str:
         if self.value < self.lower:

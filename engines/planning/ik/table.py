@@ -14,14 +14,13 @@ from engines.planning.ik import kernels
 from engines.planning.ik.constraints import Constraint, Quaternion, Vector
 from engines.planning.ik.hull import hull
 from engines.planning.ik.mechanism import Mechanism
+from engines.planning.ik.report import ANGLE_WEIGHT
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Place = tuple[int, Array]
 """a frame on a joint, 0 the world: (12,) rotation by columns, translation"""
 
-ANGLE_WEIGHT = 0.3
-"""m/rad: what a radian counts against a metre while not everything can be kept"""
 _AXES = np.eye(3)
 _WORLD = (0, np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]))
 

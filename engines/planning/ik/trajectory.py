@@ -197,7 +197,7 @@ def _with_windows(times: Array, constraints: Sequence[Constraint]) -> Array:
 
 
 def _size(missed: Missed) -> float:
-    return -missed.measure.by * (0.3 if missed.measure.unit == "rad" else 1.0)
+    return -missed.measure.size
 
 
 def _missing(found: Trajectory) -> float:

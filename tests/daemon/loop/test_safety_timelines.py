@@ -419,9 +419,9 @@ def state_at(position: float, age: int) -> JointState:
     ],
 )
 def test_an_action_is_judged_by_its_own_joints_state(position: float, age: int, rule: Rule | None) -> None:
-    seen = followed(np.array([0, 1]), np.zeros(3), state_at(position, age))
-    trip = unsafe(seen)
-    assert (trip and trip.rule) == rule
-    if trip is not None:
-        assert trip.joint == 1
+    for joints in ([0, 1], [1, 0]):
+        trip = unsafe(followed(np.array(joints), np.zeros(3), state_at(position, age)))
+        assert (trip and trip.rule) == rule
+        if trip is not None:
+            assert trip.joint == 1
     assert unsafe(Followed(0, 0.0, 0, 0)) is None

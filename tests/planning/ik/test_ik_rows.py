@@ -10,9 +10,10 @@ import pytest
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import Checker
 from engines.planning.ik.nearness import Bodies
+from engines.planning.ik.report import ANGLE_WEIGHT
 from engines.planning.ik.rows import Rows, Workspace
 from engines.planning.ik.scene import Scene
-from engines.planning.ik.table import ANGLE_WEIGHT, table_of
+from engines.planning.ik.table import table_of
 from engines.planning.obstacles import Obstacle
 from handrail.messages import Pose
 

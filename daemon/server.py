@@ -331,7 +331,7 @@ class Server:
         if self._journal.serial(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
         moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
-        joints = list(self._joints) if isinstance(moving, m.WholeBody) else moving.joints
+        joints = moving.joints or (list(self._joints) if isinstance(moving, m.WholeBody) else [])
         if isinstance(call, m.StartBehaviour):
             joints = [*joints, *dict.fromkeys(step.gripper.gripper for step in call.steps if step.gripper is not None)]
         self._leases.check(call.owner, joints, call.lease, call.sequence)

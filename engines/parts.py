@@ -68,7 +68,7 @@ class Parts:
         motions = [step.motion for step in steps] if isinstance(message, StartBehaviour) else [message.motion]
         joints: set[str] = set()
         for motion in motions:
-            if isinstance(motion, WholeBody):
+            if isinstance(motion, WholeBody) and not motion.joints:
                 return [BODY]
             joints.update(motion.joints)
         parts = [name for name, members in self._groups.items() if joints.intersection(members)]

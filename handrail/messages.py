@@ -1023,7 +1023,9 @@ Reference = FixedPose | FrameLine | PostureKnots | PoseStream
 
 
 class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_fields=True):
-    """Run a compound task on all joints: torques of whole-body control, and an impedance about where they lead.
+    """Run a compound task on `joints`: torques of whole-body control, and an impedance about where they lead.
+
+    Other actions may move the other joints meanwhile; else they are held. What these do is reckoned with, and left to them.
 
     References that neither compound nor `references` give are where the robot is commanded to be at the start. Ends by itself
     after `duration` s, or with its longest trajectory, and otherwise by an end condition or a cancellation.
@@ -1031,6 +1033,8 @@ class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_f
 
     compound: Annotated[str, Meta(min_length=1)]
     """name of a compound task (docs/wbc.md), or its YAML text"""
+    joints: list[Name] = []
+    """that it moves; none: all of the robot's"""
     references: list[Reference] = []
     """at most one a task"""
     duration: NonNegative = 0.0

@@ -28,11 +28,15 @@ REACH, TURN = 0.10, 0.5
 """m, rad: a task pulls no harder than at this distance from its reference"""
 DAMPING = 0.15
 """of the solver's levels, where they are singular or bounds are active: a step of torque may tear more than a task left short"""
+_SETTLE, _HARDEST = 0.01, 30.0
+"""s, rad/s²: of the accelerations that others' commands say their joints will make"""
 _IMPEDANCE = int(Mode.IMPEDANCE)
 
 
 class WholeBodyControl(MotionController):
-    """τ, q, q̇ of a compound task's solution at the state measured now, K and D a share of the robot's own; all joints.
+    """τ, q, q̇ of a compound task's solution at the state measured now, K and D a share of the robot's own.
+
+    Joints that the motion does not claim go where others command them: their accelerations are known to the solution.
 
     References that nobody gave are where the joints were commanded to be; one clock moves them all, and slows them down. While
     constraints exclude each other the solution is the one that breaks them least; after `PATIENCE` s of that the action ends.
@@ -46,16 +50,21 @@ class WholeBodyControl(MotionController):
         Raises daemon.wbc.parameters.WbcError.
         """
         n = len(model.joints)
-        super().__init__(np.arange(n), gains)
+        claimed = np.isin(model.joints, motion.joints or model.joints)
+        super().__init__(np.flatnonzero(claimed), gains)
         self._motion, self._period = motion, period
         self._compound, self._model = compound, model
-        self.body: WholeBody = compound.on(model)
+        self._others = np.flatnonzero(~claimed)
+        self._seen = np.zeros((2, len(self._others)))
+        self.body: WholeBody = compound.on(model, [model.joints[joint] for joint in self._others])
         self.body.damp(DAMPING)
         self.body.warm_up()
         moving.warm_up(n)
         self.clock = PathClock(motion.duration or _longest(motion.references), period)
-        self._output = ImpedanceOutput(n, period, rows=model.rows)
-        self._drives = np.array((motion.stiffness * gains.stiffness, motion.damping * gains.damping))
+        self._rows = model.rows[self.joints]
+        self._output = ImpedanceOutput(len(self.joints), period, rows=self._rows)
+        drives = np.array((motion.stiffness * gains.stiffness, motion.damping * gains.damping))
+        self._drives = np.ascontiguousarray(drives[:, self.joints])
         self._references: list[Reference] = []
         self._streams: dict[str, StreamedPose] = {}
         tasks = [task for level in compound.levels for task in level]
@@ -78,7 +87,8 @@ class WholeBodyControl(MotionController):
         self.body.start_here()
         self._references = [self._reference(reference, robot, last) for reference in self._motion.references]
         self._leashes = Leashes(self.body, self._handles, REACH, TURN)
-        self._output.start(last.position, last.velocity)
+        self._output.start(last.position[self.joints], last.velocity[self.joints])
+        self._seen[0], self._seen[1] = last.velocity[self._others], 0.0
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
         self.clock.advance()
@@ -88,11 +98,16 @@ class WholeBodyControl(MotionController):
         self._leashes.take()
         joints, model, output = robot.joints, self._model, self._output
         model.place(joints.position, joints.velocity)
+        position, velocity = joints.position, joints.velocity
+        if len(self._others):
+            moving.follow_others(out.velocity, self._others, self._seen, self._period, _SETTLE, _HARDEST)
+            self.body.lead(self._seen[1])
+            position, velocity = position[self.joints], velocity[self.joints]
         result = self.body.solve()
         self._unsolved = 0 if result.solved else self._unsolved + 1
-        output.advance(result.acceleration, joints.position, joints.velocity)
+        output.advance(result.acceleration, position, velocity)
         moving.set_points(
-            output.desired, result.torque, model.rows, self._drives, self.joints, _IMPEDANCE, out.table, out.mode
+            output.desired, result.torque, self._rows, self._drives, self.joints, _IMPEDANCE, out.table, out.mode
         )
 
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:

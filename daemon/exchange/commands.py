@@ -110,7 +110,7 @@ def encode_start(
     """
     header = encode_command(Kind.START, serial, owner=owner, value=message.hold_after_s)
     motion = message.motion
-    joints = list(joint_index) if isinstance(motion, WholeBody) else motion.joints
+    joints = motion.joints or (list(joint_index) if isinstance(motion, WholeBody) else [])
     if len(joints) > MAX_JOINTS:
         raise ValueError(f"motion.joints: {len(joints)}; expected at most {MAX_JOINTS}")
     if len(message.ends) > MAX_ENDS:

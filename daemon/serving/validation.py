@@ -70,6 +70,8 @@ def check_start(
     """
     _check_call(message, snapshot)
     if isinstance(message.motion, WholeBody):
+        if message.motion.joints:
+            _rows(message.motion.joints, description)
         _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.serving.whole_body_door
         _check_ends(message.ends, description, frames)
         return

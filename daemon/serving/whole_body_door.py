@@ -60,8 +60,10 @@ class WholeBodyDoor:
         motion = call.motion
         assert isinstance(motion, m.WholeBody)
         self._model.place(position, np.zeros(len(position)))
+        moved = set(motion.joints or self._description.joints)
+        led = [joint for joint in self._description.joints if joint not in moved]
         try:
-            compound = composition.find(motion.compound, folders(self._description), self._model)
+            compound = composition.find(motion.compound, folders(self._description), self._model, led)
         except ConfigError as error:
             at = f"line {error.line}" if error.line else motion.compound.splitlines()[0]
             raise refuse(str(error), "motion.compound", at, "a compound task that fits this robot") from error
@@ -69,11 +71,13 @@ class WholeBodyDoor:
             raise refuse("a compound task has tasks", "motion.compound", "levels: []", "at least one level with a task")
         tasks = {task.title: task for level in compound.levels for task in level}
         for number, reference in enumerate(motion.references):
-            self._check_reference(reference, tasks, f"motion.references[{number}]", position, largest_payload)
+            field = f"motion.references[{number}]"
+            self._check_reference(reference, tasks, field, position, largest_payload)
+            for joint in reference.joints if isinstance(reference, m.PostureKnots) else ():
+                if joint not in moved:
+                    raise refuse("the motion does not move it", f"{field}.joints", joint, "one of motion.joints")
             if any(other.task == reference.task for other in motion.references[:number]):
-                raise refuse(
-                    "a task has one reference", f"motion.references[{number}].task", reference.task, "each task once"
-                )
+                raise refuse("a task has one reference", f"{field}.task", reference.task, "each task once")
         _check_ends(call.ends, compound)
         return msgspec.structs.replace(motion, compound=msgspec.json.encode(compound).decode())
 

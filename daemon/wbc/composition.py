@@ -39,11 +39,11 @@ class CompoundTask(msgspec.Struct, forbid_unknown_fields=True):
     constraints: list[AnyConstraint] = []
     levels: list[list[AnyTask]] = []
 
-    def on(self, model: WholeBodyModel) -> WholeBody:
-        """For a robot, from where its model stands now. Raises WbcError."""
+    def on(self, model: WholeBodyModel, led: Sequence[str] = ()) -> WholeBody:
+        """For a robot, from where its model stands now; `led`: joints that others move. Raises WbcError."""
         levels: Sequence[Sequence[Task]] = self.levels
         constraints: Sequence[Constraint] = self.constraints
-        return WholeBody(model, levels, constraints)
+        return WholeBody(model, levels, constraints, led)
 
     def below(self, other: CompoundTask) -> CompoundTask:
         """Another compound task's levels first, then these; the constraints of both."""
@@ -65,9 +65,9 @@ def load_on(file: Path | str, model: WholeBodyModel) -> WholeBody:
     return _on(document, _merged(document, ()), model)
 
 
-def find(text: str, folders: Sequence[Path], model: WholeBodyModel) -> CompoundTask:
+def find(text: str, folders: Sequence[Path], model: WholeBodyModel, led: Sequence[str] = ()) -> CompoundTask:
     """The compound task of this name in `folders`, the first of which counts, or with this YAML text, which may extend one of
-    them. Raises config.ConfigError with file and line; it has been tried on `model`."""
+    them. Raises config.ConfigError with file and line; it has been tried on `model`, with `led` moved by others."""
     known = workspace.files(list(folders))
     if _NAME.fullmatch(text):
         if text not in known:
@@ -78,13 +78,13 @@ def find(text: str, folders: Sequence[Path], model: WholeBodyModel) -> CompoundT
     else:
         document = config.parse(text, Path("compound"))
     compound = _merged(document, (), known)
-    _on(document, compound, model)
+    _on(document, compound, model, led)
     return compound
 
 
-def _on(document: config.Document, compound: CompoundTask, model: WholeBodyModel) -> WholeBody:
+def _on(document: config.Document, compound: CompoundTask, model: WholeBodyModel, led: Sequence[str] = ()) -> WholeBody:
     try:
-        return compound.on(model)
+        return compound.on(model, led)
     except WbcError as error:
         raise document.error(error.field, error.problem) from error
 

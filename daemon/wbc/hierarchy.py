@@ -25,13 +25,14 @@ from daemon.wbc.handle import Handle
 from daemon.wbc.layout import Kind
 from daemon.wbc.memory import Array, Integers, Memory
 from daemon.wbc.model import WholeBodyModel
-from daemon.wbc.parameters import Entry, WbcError
+from daemon.wbc.parameters import Entry, WbcError, entry, joint_row
 from daemon.wbc.result import Result
 from daemon.wbc.rows import task_rows
 from daemon.wbc.tasks import JPos, Task
 
 _GRAVITY_REACH = 0.1
 """m: a moment counts as a force at this distance, where forces are shared out"""
+_LED = "joints that others move"
 _FORCE_SHARE = 0.1
 """of an acceleration's weight, that of the force which makes it"""
 
@@ -39,9 +40,19 @@ _FORCE_SHARE = 0.1
 class WholeBody:
     """The solver of one robot, one list of constraints and one of levels, highest first."""
 
-    def __init__(self, model: WholeBodyModel, levels: Sequence[Sequence[Task]], constraints: Sequence[Constraint] = ()):
-        """References start where the model is now. Raises WbcError naming what is wrong in which task."""
+    def __init__(
+        self,
+        model: WholeBodyModel,
+        levels: Sequence[Sequence[Task]],
+        constraints: Sequence[Constraint] = (),
+        led: Sequence[str] = (),
+    ):
+        """References start where the model is now. Raises WbcError naming what is wrong in which task.
+
+        `led`: joints that somebody else moves: their accelerations are given (`lead`), no torque of theirs is asked for or bounded.
+        """
         self.model = model
+        self._led: Integers = np.array([joint_row(model, joint, "led") for joint in led], np.int64)
         limits = [c for c in constraints if isinstance(c, JointLimits)]
         if len(limits) > 1:
             raise WbcError("JointLimits", f"got {len(limits)}; expected at most one")
@@ -52,6 +63,7 @@ class WholeBody:
         bounded: list[tuple[str, Entry]] = []
         for number, constraint in enumerate(constraints):
             for made in _named(lambda c=constraint: c.entries(model), f"constraints[{number}]"):
+                self._check_moved(made, f"constraints[{number}]")
                 holds = made.kind in (Kind.POSE, Kind.TRANSMISSION)
                 (equalities if holds else bounded).append((constraint.title, made))
         by_level = [
@@ -59,10 +71,20 @@ class WholeBody:
             for i, level in enumerate(levels)
         ]
         posture = _posture_of(by_level, model)
+        for i, level in enumerate(by_level):
+            for j, (_, made) in enumerate(level):
+                self._check_moved(made, f"levels[{i}][{j}]")
+                self._leave_led(made, made is posture, f"levels[{i}][{j}]")
+        if led:
+            others = entry(Kind.GIVEN, model, count=len(led))
+            others.given = np.zeros((len(led), 1))
+            equalities.insert(0, (_LED, others))
         self._lay_out(equalities, by_level, bounded, posture)
         self._limits = self._memory["limits"]
         self._limits[:] = limits[0].table(model) if limits else unlimited(model)
+        self._limits[:, self._led] = unlimited(model)[:, self._led]
         self._limits_title = limits[0].title if limits else "JointLimits"
+        self._led_postures = self._find_led()
         self.result = Result(
             self._memory["out"][0, : model.nv], self._memory["out"][1, : model.nv], self._memory["out"][2]
         )
@@ -174,7 +196,7 @@ class WholeBody:
                 raise WbcError(title, "got this name twice; expected a name of its own (name: ...)")
             self.handles[title] = Handle(self, k, self._entries[k])
         for k, (title, made) in enumerate([*equalities], 0):
-            if made.kind in (Kind.POSE, Kind.TRANSMISSION) and title not in self.handles:
+            if made.kind in (Kind.POSE, Kind.TRANSMISSION, Kind.GIVEN) and title not in self.handles:
                 self.handles[title] = Handle(self, k, made)
 
     def _share_forces(self) -> int:
@@ -212,6 +234,50 @@ class WholeBody:
     def __getitem__(self, title: str) -> Handle:
         """A task's (or an equality's) handle, by its title. Raises KeyError."""
         return self.handles[title]
+
+    def lead(self, acceleration: Array) -> None:
+        """What the joints that others move will do: rad/s², in the order of `led`."""
+        self.handles[_LED].wanted[:] = acceleration
+        for posture in self._led_postures:
+            posture[2, self._led] = acceleration
+
+    def _find_led(self) -> list[Array]:
+        """Fill in the rows of the joints that others move; the postures (6, nv) that have to follow them."""
+        if not len(self._led):
+            return []
+        self.handles[_LED].rows[:, self._led] = np.eye(len(self._led))
+        postures = [handle.posture for handle in self.handles.values() if handle.posture.shape[1]]
+        return [posture for posture in postures if posture[5, self._led].any()]
+
+    def _check_moved(self, made: Entry, where: str) -> None:
+        """What no joint moves but those that others lead would be out of reach for ever. Raises WbcError."""
+        if not len(self._led):
+            return
+        led = set(self._led.tolist())
+        if made.kind == Kind.TRANSMISSION:
+            moved = made.joint not in led and made.base_joint not in led
+        elif made.kind in (Kind.POSE, Kind.GAZE, Kind.CLEARANCE, Kind.WRENCH):
+            support = self.model.support
+            columns = {c for j in (made.joint, made.base_joint) for c in support[j, 1 : support[j, 0] + 1].tolist()}
+            moved = bool(columns - led)
+        else:
+            return
+        if not moved:
+            field = "follower" if made.kind == Kind.TRANSMISSION else "body" if made.kind == Kind.CLEARANCE else "frame"
+            raise WbcError(f"{where}.{field}", "none of the motion's joints moves it; expected one that they move")
+
+    def _leave_led(self, made: Entry, nearest: bool, where: str) -> None:
+        """Take the joints that others move out of a posture; `nearest`: of that which is met in the mass metric, what they do
+        is what is wanted."""
+        if made.posture is None or not len(self._led):
+            return
+        made.posture[3:5, self._led] = 0.0
+        if nearest:
+            return
+        made.posture[5, self._led] = 0.0
+        made.count = int(made.posture[5].sum())
+        if not made.count:
+            raise WbcError(f"{where}.joints", "got none of the motion's joints; expected at least one")
 
     def solve(self) -> Result:
         """Solve for the state that the model was last put in."""

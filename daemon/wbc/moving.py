@@ -141,6 +141,19 @@ def lead(desired, acceleration, rows, position, velocity, period, leak, within):
 
 
 @compiled
+def follow_others(velocity, joints, seen, period, settle, most):  # type: ignore[no-untyped-def]
+    """seen (2, m), velocity and acceleration of joints that others command: the latter is the former's slope over `settle` s,
+    no more than `most` rad/s²."""
+    share = period / (period + settle)
+    for i in range(joints.shape[0]):
+        now = velocity[joints[i]]
+        slope = min(max((now - seen[0, i]) / period, -most), most)
+        if math.isfinite(slope):
+            seen[0, i] = now
+            seen[1, i] += share * (slope - seen[1, i])
+
+
+@compiled
 def set_points(desired, torque, rows, gains, joints, code, table, mode):  # type: ignore[no-untyped-def]
     """The robot's joints `joints` are told position, velocity, torque, stiffness, damping; gains (2, n)."""
     for i in range(rows.shape[0]):
@@ -159,4 +172,5 @@ def warm_up(joints: int) -> None:
     give(parameters, tasks, np.zeros((1, LEASH)))
     take(parameters, tasks, np.zeros((1, LEASH)), 1.0, 1.0)
     lead(two, two[0], rows, two[0], two[0], 1.0, 0.0, 1.0)
+    follow_others(two[0], rows, two, 1.0, 1.0, 1.0)
     set_points(two, two[0], rows, two, rows, 0, np.zeros((5, joints)), mode)

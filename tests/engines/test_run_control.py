@@ -245,6 +245,8 @@ def test_two_engines_do_not_command_one_arm(runtime, daemon):
             second.hold(msgspec.structs.replace(start, owner="engine_2"))
         numbers = [first.hold(start).sequence for _ in range(2)]
         assert numbers[1] > numbers[0] > 0
+        whole = m.WholeBody(compound="posture", joints=["depth"])
+        assert first.hold(msgspec.structs.replace(start, motion=whole)).lease == 1, "no more than its joints' part"
         first.give_back()
         assert second.hold(msgspec.structs.replace(start, owner="engine_2")).lease == 2
     finally:

@@ -411,3 +411,53 @@ def test_a_constraint_does_not_fade(model_of) -> None:
     body = WholeBody(model_of("talos_upper"), [[JPos()]], [PointContact(frame="tool_right_tip", name="wall")])
     with pytest.raises(ValueError, match="wall: got a constraint"):
         body["wall"].fade(False, 10)
+
+
+def test_joints_that_others_lead_go_as_told_and_those_left_do_the_tasks_beside_them(model_of) -> None:
+    """Judged by dense algebra: what the free joints do is the nearest to their posture among all that meets the hand."""
+    model = model_of("talos_upper")
+    led = [joint for joint in model.joints if not joint.startswith("arm_right")]
+    rows, free = (
+        np.array([model.rows[model.joints.index(joint)] for joint in names])
+        for names in (led, [joint for joint in model.joints if joint not in led])
+    )
+    hand, posture = CartPos(frame=HAND, name="hand"), JPos(name="posture", stiffness=50.0)
+    body = WholeBody(model, [[hand], [posture]], [JointLimits(torque=0.5)], led)
+    rng = np.random.default_rng(4)
+    for position, velocity in states(model, 20, seed=4, spread=0.1):
+        model.place(position, 0.1 * velocity)
+        body["hand"].pose(position=model.frame(HAND).translation + 0.01)
+        body["posture"].joints(position)
+        theirs = rng.standard_normal(len(led))
+        body.lead(theirs)
+        result = body.solve()
+        assert result.solved
+        assert result.acceleration[rows] == pytest.approx(theirs, abs=1e-9)
+        if not body.exact(0) or result.active:
+            continue
+        assert np.abs(body.residual("hand")).max() < 1e-9
+        jacobian, wanted = np.zeros((3, model.nv)), np.zeros(3)
+        body.task_rows(body["hand"].number, jacobian, wanted)
+        mass = model.mass_matrix[np.ix_(free, free)]
+        own = -2.0 * np.sqrt(50.0) * model.state[1][free]
+        left = np.linalg.solve(mass, jacobian[:, free].T)
+        missing = wanted - jacobian[:, rows] @ theirs - jacobian[:, free] @ own
+        nearest = own + left @ np.linalg.solve(jacobian[:, free] @ left, missing)
+        assert result.acceleration[free] == pytest.approx(nearest, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("levels", "constraints", "field"),
+    [
+        ([[CartPos(frame=OTHER)]], [], "levels[0][0].frame"),
+        ([[JPos(joints=("head_1_joint",))]], [], "levels[0][0].joints"),
+        ([[JPos()]], [PointContact(frame=OTHER)], "constraints[0].frame"),
+        ([[JPos()]], [Transmission(leader="head_1_joint", follower="head_2_joint")], "constraints[0].follower"),
+    ],
+)
+def test_a_task_that_only_joints_of_others_could_do_is_refused(model_of, levels, constraints, field) -> None:
+    model = model_of("talos_upper")
+    led = [joint for joint in model.joints if not joint.startswith("arm_right")]
+    with pytest.raises(WbcError) as caught:
+        WholeBody(model, levels, constraints, led)
+    assert caught.value.field == field

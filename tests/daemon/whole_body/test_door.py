@@ -38,10 +38,11 @@ levels:
   - - {task: SE3, name: hand, frame: tool_right_tip}
   - - {task: JPos, name: posture}
 """
+STAY = {"positions": [[0.0], [0.0]], "velocities": [[0.0], [0.0]]}
 KNOTS = {"task": "posture", "joints": ["torso_1_joint"], "times": [0.0, 1.0]}
 
 
-def call(compound: str = GOOD, references: tuple = (), ends: tuple = (), **fields: float) -> StartAction:
+def call(compound: str = GOOD, references: tuple = (), ends: tuple = (), **fields: object) -> StartAction:
     motion = WholeBody(compound=compound, references=list(references), **fields)
     return StartAction(id="a", owner="o", motion=motion, ends=list(ends))
 
@@ -80,6 +81,12 @@ def refused(door: WholeBodyDoor, talos, asked: StartAction) -> RefusedError:
             call(references=(PoseStream(task="hand"), PoseStream(task="hand"))),
             "motion.references[1].task",
             "one reference",
+        ),
+        (call(GOOD.replace("right_tip", "left_tip"), joints=["arm_right_1_joint"]), "motion.compound", "moves it"),
+        (
+            call(joints=["arm_right_1_joint"], references=(PostureKnots(**KNOTS, **STAY),)),
+            "motion.references[0].joints",
+            "does not move it",
         ),
         (call(ends=(DivergenceEnd(error=0.2),)), "ends[0]", "guard a frame"),
         (call(ends=(PoseErrorEnd(frame="tool_left_tip", position=0.1),)), "ends[0].frame", "no task of the compound"),

@@ -15,8 +15,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from engines.freshness import World
 from handrail.messages import (
     ActionEvent,
+    Base,
     CheckIn,
     DaemonStatus,
     HoldTime,
@@ -30,6 +32,7 @@ OWNER = "engine"
 _CHECK_IN_S = 0.3
 _SILENT_S = 3.0
 _ANOTHER_CLOCK_NS = 1_000_000_000
+_BASE_MOVED_M = 0.005
 
 
 class ActionWatch:
@@ -68,9 +71,13 @@ class DaemonClient:
     ):
         """`joints`: how many the robot has; states with another number are not taken. `owner`: who commands, as leases name him."""
         self._runtime, self._joints, self._log, self.owner = runtime, joints, log, owner
+        self.rested: Callable[[], None] = lambda: None
+        """called, from a thread of its own, when the robot has come to rest elsewhere than it last rested"""
+        self._rested_at = (np.zeros(0), np.zeros(3))
         self._lock = threading.Lock()
         self._watches: dict[str, ActionWatch] = {}
         self._command: np.ndarray | None = None
+        self._base: Base | None = None
         self._time_ns = 0
         self._last_heard = -float("inf")
         self._status: DaemonStatus | None = None
@@ -125,6 +132,11 @@ class DaemonClient:
         with self._lock:
             return None if self._command is None else self._command.copy()
 
+    def world(self) -> World | None:
+        """What plans are made from: joints, base and time, as last heard; None before the first state came."""
+        with self._lock:
+            return None if self._command is None else World(self._time_ns, self._command.copy(), self._base)
+
     def watch(self, action: str) -> ActionWatch:
         """Listen for an action's events; a context manager."""
         watch = ActionWatch(self, action)
@@ -165,11 +177,26 @@ class DaemonClient:
             # Compared by the robot's clock: a loop that is started anew counts its cycles from 0 again, the clock goes on. Where
             # the clock itself has gone back far, it is another robot's, or a plant that was started anew.
             newer = message.time_ns >= self._time_ns or message.time_ns < self._time_ns - _ANOTHER_CLOCK_NS
+            elsewhere = False
             if newer and len(message.command) == self._joints:
-                self._time_ns, self._command = message.time_ns, np.array(message.command)
+                command, before = np.array(message.command), self._command
+                self._time_ns, self._command = message.time_ns, command
+                if isinstance(message, RobotState):
+                    self._base = message.base
+                    elsewhere = before is not None and np.array_equal(command, before) and self._elsewhere(message)
             watch = self._watches.get(message.id) if isinstance(message, ActionEvent) else None
         if watch is not None and isinstance(message, ActionEvent):
             watch.tell(message)
+        if elsewhere:
+            self.rested()
+
+    def _elsewhere(self, state: RobotState) -> bool:
+        command, base = self._rested_at
+        here = np.array(state.command), np.array(state.base_in_world.position)
+        if np.array_equal(command, here[0]) and np.linalg.norm(here[1] - base) < _BASE_MOVED_M:
+            return False
+        self._rested_at = here
+        return True
 
     def _check_in(self) -> None:
         caller = Caller(self._runtime.endpoint("daemon.call"))

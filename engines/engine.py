@@ -53,7 +53,8 @@ class Engine:
         self._publisher = Publisher(runtime.endpoint("engine.events"))
         daemon = DaemonClient(runtime, len(description.joints), log=lambda text: self._log("warning", text))
         affordances = AffordanceServer(runtime.folder / "instances.json", changed=self._instance_changed)
-        plans = PlanStore(description.index, affordances.versions, daemon.command, self._tell)
+        plans = PlanStore(affordances.instances, daemon.world, self._tell)
+        daemon.rested = plans.robot_rested
         self._services = Services(
             description=description,
             daemon=daemon,
@@ -72,7 +73,7 @@ class Engine:
             m.SetParameters: lambda call: affordances.set_parameters(call).state(),
             m.RemoveInstance: affordances.remove,
             m.GetInstances: lambda call: m.Instances(instances=[each.state() for each in affordances.instances()]),
-            m.GetPlan: lambda call: plans.preview(plans.get(call.id)),
+            m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
             m.ExecutePlan: self._execute_plan,
             m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
@@ -151,6 +152,24 @@ class Engine:
         self._services.plans.instance_changed(state.name)
 
     # ------------------------------------------------------------------------------------------------------------- the calls
+
+    def _get_plan(self, call: m.GetPlan) -> m.PlanPreview | Future[m.PlanPreview]:
+        plans = self._services.plans
+        record = plans.get(call.id)
+        if not call.details:
+            return plans.preview(record)
+
+        def details() -> m.PlanPreview:
+            preview = plans.details(record)
+            rows, position = self._services.description.index(record.plan.joints), record.origin.world.command.copy()
+            tool = []
+            for segment in preview.segments:
+                for knot in segment.positions:
+                    position[rows] = knot
+                    tool.append(np.round(self._services.tip(position, record.plan.arm), 4).tolist())
+            return msgspec.structs.replace(preview, tool=tool)
+
+        return _in_thread(details, "plan's details")
 
     def _make_plan(self, call: m.MakePlan) -> Future[m.PlanPreview]:
         def plan() -> m.PlanPreview:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
+import msgspec
 
 from affordance_templates.instance import Instance
 from affordance_templates.template import ResolvedTrajectory
+from engines.freshness import Cause, Origin, World, causes
 from handrail.messages import ActionEvent, PlanPreview
 from handrail.topics import refuse
 
@@ -23,11 +24,12 @@ _KEPT = 12
 
 @dataclass
 class PlanRecord:
-    """A plan, the instance (as it was) and trajectory that it realises, and how far it was executed."""
+    """A plan, the instance (as it was) and trajectory that it realises, what it was made from, and how far it was executed."""
 
     plan: Plan
     instance: Instance
     trajectory: ResolvedTrajectory
+    origin: Origin
     reached: int = -1
     """index of the segment that was started last, -1: none"""
     ended: ActionEvent | None = None
@@ -48,13 +50,12 @@ class PlanStore:
 
     def __init__(
         self,
-        rows: Callable[[tuple[str, ...]], np.ndarray],
-        versions: Callable[[], Mapping[str, int]],
-        command: Callable[[], np.ndarray | None],
+        instances: Callable[[], Iterable[Instance]],
+        world: Callable[[], World | None],
         publish: Callable[[PlanPreview], None],
     ):
-        """`rows`: joints → their rows in the robot's arrays; `versions`, `command`: as they are now."""
-        self._rows, self._versions, self._command, self._publish = rows, versions, command, publish
+        """`instances`, `world`: as they are now; `world` is None before the daemon was heard."""
+        self._instances, self._world, self._publish = instances, world, publish
         self._lock = threading.RLock()
         self._records: OrderedDict[str, PlanRecord] = OrderedDict()
 
@@ -81,32 +82,55 @@ class PlanStore:
                 )
             return self._records[id]
 
-    def stale(self, record: PlanRecord, *, start: bool = True) -> str:
-        """Why a plan can't be executed any more, in words; empty when it can. `start`: from its beginning, which it can be once,
-        and only from where the robot is.
+    def causes(self, record: PlanRecord, *, start: bool = True) -> list[Cause]:
+        """Why a plan can't be executed any more; empty when it can. `start`: from its beginning, which it can be once, and only
+        from where the robot is.
         """
         if start and record.finished:
-            return "it was executed already; plan anew"
-        command = self._command() if start else None
-        return record.plan.stale(self._versions(), None if command is None else command[self._rows(record.plan.joints)])
+            return [Cause("executed", "it was executed already; plan anew")]
+        now = {instance.name: instance for instance in self._instances()}
+        return causes(record.plan, record.origin, now, self._world(), start=start)
 
-    def preview(self, record: PlanRecord) -> PlanPreview:
-        """What clients see of it now. While it runs, the robot has left its start: that does not make it stale."""
-        why = self.stale(record, start=not record.executing)
-        return record.plan.preview(not why, why)
+    def stale(self, record: PlanRecord, *, start: bool = True) -> str:
+        """The same in words; empty when the plan can be executed."""
+        return "; ".join(cause.words for cause in self.causes(record, start=start))
+
+    def preview(self, record: PlanRecord, *, ghost: bool = True) -> PlanPreview:
+        """What clients see of it now. While it runs, the robot has left its start: that does not make it stale.
+
+        `ghost`: with its knots, which are most of its bytes; who was told them once need not be told again.
+        """
+        why = self.causes(record, start=not record.executing)
+        words, codes = "; ".join(cause.words for cause in why), [cause.code for cause in why]
+        return record.plan.preview(not why, words, codes, ghost=ghost)
+
+    def details(self, record: PlanRecord) -> PlanPreview:
+        """All that is known of it."""
+        plan = record.plan
+        series = {name: measure.series() for name, measure in plan.measures.items()}
+        return msgspec.structs.replace(self.preview(record), origin=record.origin.told(), measures=series)
 
     def previews(self) -> list[PlanPreview]:
-        """All that are kept, oldest first."""
+        """All that are kept, oldest first; without a ghost those that nobody can execute any more."""
         with self._lock:
             records = list(self._records.values())
-        return [self.preview(record) for record in records]
+        return [self.preview(record, ghost=not self.causes(record, start=not record.executing)) for record in records]
 
     def instance_changed(self, name: str) -> None:
-        """Show those plans made from an instance again that have become stale by it: a plan is large, and a link may be slow."""
+        """Tell of plans made from an instance that have become stale by it, or fresh again."""
+        self._tell_changes(lambda record: any(name == instance.name for instance in record.origin.instances))
+
+    def robot_rested(self) -> None:
+        """Tell of plans that have become stale, or fresh again, by where the robot has come to rest."""
+        self._tell_changes(lambda record: not record.executing)
+
+    def _tell_changes(self, concerned: Callable[[PlanRecord], bool]) -> None:
+        """Only what has changed, and without the ghost: a plan is large, and a link may be slow."""
         with self._lock:
-            records = [record for record in self._records.values() if name in record.plan.made_from]
+            records = [record for record in self._records.values() if concerned(record)]
         for record in records:
-            preview = self.preview(record)
-            if preview.fresh != record.shown_fresh:
-                record.shown_fresh = preview.fresh
+            preview = self.preview(record, ghost=False)
+            with self._lock:
+                changed, record.shown_fresh = preview.fresh != record.shown_fresh, preview.fresh
+            if changed:
                 self._publish(preview)

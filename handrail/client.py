@@ -211,9 +211,9 @@ class Client:
         """Plan a template's trajectory from where the robot is now. Refused, with the reason, when infeasible."""
         return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm), timeout_s)
 
-    def get_plan(self, plan: str) -> PlanPreview:
-        """A plan by its id, and whether it is still fresh."""
-        return self.call(GetPlan(id=plan))
+    def get_plan(self, plan: str, *, details: bool = False) -> PlanPreview:
+        """A plan by its id, and whether it is still fresh; `details`: also what it was made from and keeps along its way."""
+        return self.call(GetPlan(id=plan, details=details))
 
     def execute_plan(self, plan: str, segments: Sequence[str] = ()) -> None:
         """Run a plan's segments (all, or those named). Refused when it is stale, with the reason."""

@@ -1321,12 +1321,85 @@ class PlanSegment(msgspec.Struct, kw_only=True):
     name: str
     times: list[float]
     positions: list[list[float]]
-    """rad, knots × PlanPreview.joints"""
+    """rad, knots × PlanPreview.joints; straight lines between them are the motion within 5 mrad"""
+
+
+class PlanWorst(msgspec.Struct, kw_only=True):
+    """The worst of a measure on the way to a waypoint."""
+
+    value: float
+    time: float
+    """s from the plan's start"""
+    about: str = ""
+    """the joint, or the two bodies, that it is about"""
+
+
+class PlanWaypoint(msgspec.Struct, kw_only=True):
+    """How well a segment's end meets what was asked for, and what the way to it keeps at its worst. None: was not measured."""
+
+    name: str
+    """of its segment"""
+    time: float
+    """s from the plan's start, when it is reached"""
+    residual: float | None = None
+    """m, from the tool's tip to its goal"""
+    tilt: float | None = None
+    """rad, between the tool and its wanted axis"""
+    clearance: PlanWorst | None = None
+    """m, and between which bodies; none: nothing can be near"""
+    limit_margin: PlanWorst | None = None
+    """rad, and which joint is so near its limit"""
+    torque_share: PlanWorst | None = None
+    """of its limit, by inverse dynamics with the expected contact force, and which joint works so hard"""
+
+
+class PlanSeries(msgspec.Struct, kw_only=True):
+    """A measure along a plan."""
+
+    times: list[float]
+    """s from the plan's start"""
+    values: list[float]
+    names: list[str] = []
+    """the joints or pairs of bodies that the values are about"""
+    which: list[int] = []
+    """row of `names` for each value; empty: about nothing in particular"""
+
+
+class PlanOrigin(msgspec.Struct, kw_only=True):
+    """What a plan was made from, beside the versions of its instances."""
+
+    time_ns: int
+    """robot's clock when it was begun"""
+    asked: dict[str, float | str]
+    """what was asked for: instance, trajectory, arm, arc and entry_shift rad"""
+    run: str = ""
+    """id of the run that made it; empty: a client asked"""
+    instances: list[InstanceState] = []
+    """as they were"""
+    joints: dict[str, float] = {}
+    """rad, every joint of the robot as it was commanded: the plan moves some, and counts on the others to stay"""
+    base_in_world: Pose = msgspec.field(default_factory=Pose)
+
+
+StaleCause = Literal[
+    "executed",
+    "instance_removed",
+    "instance_moved",
+    "instance_parameters",
+    "instance_changed",
+    "start_left",
+    "others_moved",
+    "base_moved",
+    "base_unknown",
+]
 
 
 @_travels(priority=3, reliable=False, superseded_by=("id",), remote=True)
 class PlanPreview(Message):
-    """What a client draws as a ghost, and whether the plan may still be executed."""
+    """What a client draws as a ghost, and whether the plan may still be executed: the summary of it.
+
+    `origin`, `measures` and `tool` come only in the answer to GetPlan with `details`.
+    """
 
     id: str
     label: str
@@ -1336,12 +1409,23 @@ class PlanPreview(Message):
     """instance → version"""
     fresh: bool
     stale_because: str = ""
+    """all causes, in words"""
+    stale_causes: list[StaleCause] = []
+    """the same for programs, in the words' order"""
     clearance: float = 0.0
     """m, the smallest along the plan"""
     limit_margin: float = 0.0
     """rad, the smallest distance to a joint limit"""
     duration: float = 0.0
     """s"""
+    arm: str = ""
+    waypoints: list[PlanWaypoint] = []
+    """one a segment"""
+    origin: PlanOrigin | None = None
+    measures: dict[str, PlanSeries] = {}
+    """clearance m, residual m, tilt rad, limit_margin rad, torque_share"""
+    tool: list[list[float]] = []
+    """m, the tip of the arm's tool in the world, one row a knot of all segments one after the other"""
 
 
 @_travels(priority=1, remote=True)
@@ -1349,6 +1433,8 @@ class GetPlan(Message):
     """A plan by its id."""
 
     id: Name
+    details: bool = False
+    """also what it was made from, what it keeps all along its way, and the tool's way: some 10 kB"""
 
 
 @_travels(priority=1, remote=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind, Services
+from engines.freshness import Origin
 from engines.plans import PlanRecord
 from handrail.messages import PlanPreview
 from handrail.topics import RefusedError
@@ -20,11 +21,13 @@ def make_plan(
     arc: float | None = None,
     entry_shift: float = 0.0,
     cancelled: Callable[[], bool] | None = None,
+    run: str = "",
 ) -> tuple[PlanRecord, PlanPreview]:
     """Plan, keep and show the plan.
 
     :param arc: rad, the arc's centre that an earlier stroke chose; None to choose one
     :param entry_shift: rad, how much later than the earliest clear angle to enter
+    :param run: id of the run that wants it
     :raises ActivityFailed: `infeasible` with the constraint that failed and by how much, `refused` for names that are not there,
         `unknown_state` before the daemon was heard
     """
@@ -45,12 +48,12 @@ def make_plan(
         )
     if arm not in services.description.arms:
         raise ActivityFailed("refused", f"no arm {arm!r}; expected one of {', '.join(services.description.arms)}")
-    position = services.daemon.command()
-    if position is None:
+    world = services.daemon.world()
+    if world is None:
         raise ActivityFailed("unknown_state", "the daemon has not told where the robot is: is it running?")
     try:
         plan = services.planner.plan(
-            placed, trajectory, arm, position, arc=arc, entry_shift=entry_shift, cancelled=cancelled
+            placed, trajectory, arm, world.command, arc=arc, entry_shift=entry_shift, cancelled=cancelled
         )
     except Infeasible as problem:
         raise ActivityFailed(
@@ -60,7 +63,10 @@ def make_plan(
         raise ActivityFailed("refused", f"can't plan {trajectory} at {instance}: {problem}") from problem
     except Cancelled as problem:
         raise ActivityFailed("cancelled", "planning was cancelled") from problem
-    record = PlanRecord(plan, placed, known[trajectory])
+    asked: dict[str, float | str] = {"instance": instance, "trajectory": trajectory, "arm": arm}
+    asked |= {"entry_shift": entry_shift} | ({} if arc is None else {"arc": arc})
+    origin = Origin(world, services.description.joints, (placed,), asked, run)
+    record = PlanRecord(plan, placed, known[trajectory], origin)
     return record, services.plans.add(record)
 
 
@@ -87,6 +93,7 @@ class PlanActivity(Activity):
             arc=values["arc"],
             entry_shift=values["entry_shift"] or 0.0,
             cancelled=self.cancelled.is_set,
+            run=self.context.run,
         )
         return {
             "plan": record.plan.id,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from engines.planning import constraints
 from engines.planning.collision import Clearance, CollisionScene
 from engines.planning.constraints import Constraint
+from engines.planning.measures import LIMIT_MARGIN, TORQUE_SHARE, Measure
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
 
@@ -49,6 +50,34 @@ class Assessor:
             singular = np.linalg.svd(jacobian[:, self._own], compute_uv=False)
             manipulability = min(manipulability, float(singular[-1]))
         return {constraints.TORQUE: torque, constraints.MANIPULABILITY: manipulability}
+
+    def limit_margins(self, times: Array, q: Array) -> Measure:
+        """rad, over a motion's (k,) s and (k, m) rad: to the nearest joint limit, and of which joint."""
+        room = np.minimum(q - self._lower, self._upper - q)
+        nearest = room.argmin(axis=1)
+        return Measure(LIMIT_MARGIN, times, room.min(axis=1), tuple(self.arm.joints[row] for row in nearest))
+
+    def torque_shares(self, times: Array, q: Array, velocities: Array, forces: Array) -> Measure:
+        """Share of its limit that the hardest worked of the arm's joints needs, over a motion's (k,) s, (k, m) rad and rad/s.
+
+        Inverse dynamics, with `forces` (k, 3) N acting on the tip; accelerations are the velocities' differences.
+        """
+        accelerations = np.gradient(velocities, times, axis=0)
+        torques = self._kinematics.inverse_dynamics(
+            self.all_joints(q), self._spread(velocities), self._spread(accelerations)
+        )[:, self.rows]
+        pushed = forces.any(axis=1)
+        for row, position in zip(np.flatnonzero(pushed), self.all_joints(q[pushed]), strict=True):
+            torques[row] -= self._kinematics.jacobian(position, self.arm.tip)[:3, self.rows].T @ forces[row]
+        shares = np.abs(torques) / self._torque_limit
+        hardest = shares.argmax(axis=1)
+        return Measure(TORQUE_SHARE, times, shares.max(axis=1), tuple(self.arm.joints[row] for row in hardest))
+
+    def _spread(self, columns: Array) -> Array:
+        """(k, n) of the whole robot, zero but for the arm's (k, m)."""
+        whole = np.zeros((len(columns), len(self._position)))
+        whole[:, self.rows] = columns
+        return whole
 
     def clearances(self, q: Array, *, tool_may_touch: bool) -> dict[Constraint, Clearance]:
         """To the template's object and to the robot itself over (k, m)."""

@@ -23,13 +23,26 @@ _NEAR_IN_TREE = 2
 
 @dataclass(frozen=True)
 class Clearance:
-    """The smallest distance over a way, and between whom. Negative: penetration."""
+    """Distances over a way of k postures, the smallest, and between whom. Negative: penetration."""
 
     distance: float
     between: str
+    along: Array
+    """(k,) m at every posture"""
+    pairs: tuple[str, ...]
+    """(k,) between whom that is"""
+
+    @classmethod
+    def of(cls, along: Array, pairs: tuple[str, ...]) -> Clearance:
+        """From what is nearest at every posture, at least one."""
+        row = int(np.argmin(along))
+        return cls(float(along[row]), pairs[row], along, pairs)
 
 
-NONE = Clearance(np.inf, "")
+def nearer(one: Clearance, other: Clearance) -> Clearance:
+    """Of two over the same way, what is nearer at every posture."""
+    pairs = tuple(a if x <= y else b for x, y, a, b in zip(one.along, other.along, one.pairs, other.pairs, strict=True))
+    return Clearance.of(np.minimum(one.along, other.along), pairs)
 
 
 class RobotBodies:
@@ -123,18 +136,19 @@ class CollisionScene:
         others = self._smallest(self._others, positions)
         if tool_may_touch:
             return others
-        return min(others, self._smallest(self._tool, positions), key=lambda clearance: clearance.distance)
+        return nearer(others, self._smallest(self._tool, positions))
 
     def _smallest(self, checker: tuple[pin.GeometryModel, pin.GeometryData] | None, positions: Array) -> Clearance:
         if checker is None:
-            return NONE
+            return Clearance.of(np.full(len(positions), np.inf), ("",) * len(positions))
         geometry, data = checker
         model, scratch = self._kinematics.model, self._kinematics.data
-        distance, pair = np.inf, 0
-        for position in positions:
-            index = pin.computeDistances(model, scratch, geometry, data, self._kinematics.configuration(position))
-            here = data.distanceResults[index].min_distance
-            if here < distance:
-                distance, pair = here, index
-        first, second = geometry.collisionPairs[pair].first, geometry.collisionPairs[pair].second
-        return Clearance(float(distance), f"{self._names[first]} and {self._names[second]}")
+        along, nearest = np.empty(len(positions)), []
+        for row, position in enumerate(positions):
+            pair = pin.computeDistances(model, scratch, geometry, data, self._kinematics.configuration(position))
+            along[row] = data.distanceResults[pair].min_distance
+            nearest.append(pair)
+        return Clearance.of(along, tuple(self._between(geometry.collisionPairs[pair]) for pair in nearest))
+
+    def _between(self, pair: pin.CollisionPair) -> str:
+        return f"{self._names[pair.first]} and {self._names[pair.second]}"

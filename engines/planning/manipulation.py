@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from affordance_templates.instance import Instance
 from engines.planning.assessment import Assessor
 from engines.planning.collision import CollisionScene, RobotBodies
+from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, times_of
 from engines.planning.obstacles import obstacles_of
 from engines.planning.path import Leg
 from engines.planning.plan import Plan, Segment
@@ -111,7 +113,11 @@ class ManipulationPlanner:
         for leg in legs:
             knots = parametrise(leg.path, limits, leg.duration, where=leg.name)
             ends, path_force = self._conditions(leg, visit, arm)
-            segments.append(Segment(leg.name, knots.times, knots.positions, knots.velocities, ends, path_force))
+            segment = Segment(leg.name, knots.times, knots.positions, knots.velocities, ends, path_force)
+            segments.append(replace(segment, measures=_measures(leg, segment, assessor)))
+        margins = [
+            measure.values.min() for each in segments for measure in each.measures if measure.name == LIMIT_MARGIN
+        ]
         return Plan(
             id=f"plan-{uuid.uuid4().hex[:12]}",
             label=f"{instance.name}: {visit.trajectory.name}",
@@ -120,8 +126,8 @@ class ManipulationPlanner:
             segments=tuple(segments),
             made_from={instance.name: instance.version},
             start=assessor.start,
-            clearance=min(leg.clearance for leg in legs),
-            limit_margin=min(leg.limit_margin for leg in legs),
+            clearance=min(leg.near.distance for leg in legs),
+            limit_margin=float(min(margins)),
             outputs=outputs,
         )
 
@@ -141,3 +147,17 @@ class ManipulationPlanner:
             return ends, None
         gain, limit = waypoint.path_force
         return ends, PathForce(frame=arm.tip, gain=gain, limit=limit)
+
+
+def _measures(leg: Leg, segment: Segment, assessor: Assessor) -> tuple[Measure, ...]:
+    """What was checked at the path's rows, when the motion passes them, and what its knots need."""
+    passed = times_of(leg.path, segment.times, segment.positions)
+    met = passed[-len(leg.reach.residual) :]
+    forces = np.column_stack([np.interp(segment.times, passed, column) for column in leg.forces.T])
+    return (
+        Measure(CLEARANCE, passed, leg.near.along, leg.near.pairs),
+        Measure(RESIDUAL, met, leg.reach.residual),
+        Measure(TILT, met, leg.reach.tilt),
+        assessor.limit_margins(segment.times, segment.positions),
+        assessor.torque_shares(segment.times, segment.positions, segment.velocities, forces),
+    )

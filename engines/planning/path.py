@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from affordance_templates.template import ResolvedWaypoint
 from engines.planning import constraints
 from engines.planning.assessment import Assessor
 from engines.planning.branch import Branch, expected_force
-from engines.planning.collision import Clearance
+from engines.planning.collision import Clearance, nearer
 from engines.planning.constraints import Constraint
 from engines.planning.free_motion import free_way
 from engines.planning.plan import Cancelled, Infeasible
@@ -39,10 +40,12 @@ class Leg:
     """s, at least"""
     waypoint: ResolvedWaypoint | None
     """None: a leg that no waypoint asks for (back to the standoff, return)"""
-    clearance: float
-    """m, the smallest from the object (the tool left out where it may touch) and of the robot from itself"""
-    limit_margin: float
-    """rad"""
+    near: Clearance
+    """at every row of the path: from the object (the tool left out where it may touch) and of the robot from itself"""
+    reach: Reach
+    """how well the tool's tip meets its goals at the path's rows, or at the last one where that is all that has a goal"""
+    forces: Array
+    """(k, 3) N, expected to act on the tip at the path's rows"""
 
 
 class PathBuilder:
@@ -80,7 +83,7 @@ class PathBuilder:
             {constraints.REACH: float(reach.residual[-1]), constraints.TILT: float(reach.tilt[-1])}, first.name
         )
         self.angle = entry
-        self._free(first, reach.q[-1])
+        self._free(first, Reach(reach.q[-1:], reach.residual[-1:], reach.tilt[-1:]))
 
     def begin_retreat(self, posture: Array) -> None:
         """From inside the object, where an interrupted stroke left the tool: straight back to the standoff. `posture` (m,) rad is
@@ -113,7 +116,7 @@ class PathBuilder:
                 reach = self._solver.solve(self.q, *visit.tip(waypoint, self.angle), self._posture)
                 measures = {constraints.REACH: float(reach.residual[0]), constraints.TILT: float(reach.tilt[0])}
                 self._refuse(measures, waypoint.name)
-                self._free(waypoint, reach.q[0])
+                self._free(waypoint, reach)
             case "straight":
                 goals = visit.straight(self.tip, visit.tip(waypoint, self.angle), _LINE_SPACING)
                 self._follow(waypoint.name, goals, waypoint.duration, waypoint, may_touch=may_touch)
@@ -123,8 +126,10 @@ class PathBuilder:
                 self._follow(waypoint.name, goals, waypoint.duration, waypoint, may_touch=may_touch)
                 self.angle = end
 
-    def _free(self, waypoint: ResolvedWaypoint, goal: Array) -> None:
+    def _free(self, waypoint: ResolvedWaypoint, reach: Reach) -> None:
+        """Anyhow to the one posture of `reach`."""
         self._check()
+        goal = reach.q[0]
 
         def clear(q: Array) -> bool:
             self._check()
@@ -144,7 +149,7 @@ class PathBuilder:
         tips = self._solver.tips(path)[0]
         length = float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
         duration = max(waypoint.duration, length / _FREE_SPEED)
-        self._append(waypoint.name, path, duration, waypoint, may_touch=False)
+        self._append(waypoint.name, path, duration, waypoint, reach, np.zeros((len(path), 3)), may_touch=False)
 
     def _follow(
         self, name: str, goals: TipPath, duration: float, waypoint: ResolvedWaypoint | None, *, may_touch: bool
@@ -165,16 +170,18 @@ class PathBuilder:
         forces = -expected_force(self._visit) * ahead / lengths if pushing else np.zeros_like(ahead)
         measures.update(self._assessor.static(path, forces))
         self._refuse(measures, name)
-        self._append(name, path, duration, waypoint, may_touch=may_touch)
+        self._append(name, path, duration, waypoint, reach, forces, may_touch=may_touch)
 
     def _append(
-        self, name: str, path: Array, duration: float, waypoint: ResolvedWaypoint | None, *, may_touch: bool
-    ) -> None:
+        self, name: str, path: Array, duration: float, waypoint: ResolvedWaypoint | None, reach: Reach, forces: Array,
+        *, may_touch: bool,
+    ) -> None:  # fmt: skip
         self._check()
-        distances, between = _distances(self._assessor.clearances(path, tool_may_touch=may_touch))
-        margin = self._assessor.limit_margin(path)
-        self._refuse({**distances, constraints.LIMIT_MARGIN: margin}, name, between)
-        self.legs.append(Leg(name, path, duration, waypoint, min(distances.values()), margin))
+        found = self._assessor.clearances(path, tool_may_touch=may_touch)
+        distances, between = _distances(found)
+        self._refuse({**distances, constraints.LIMIT_MARGIN: self._assessor.limit_margin(path)}, name, between)
+        near = functools.reduce(nearer, found.values())
+        self.legs.append(Leg(name, path, duration, waypoint, near, reach, forces))
         self.q = path[-1]
 
     def _check(self) -> None:

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handrail.messages import EndCondition, JointTrajectory, PathForce, PlanPreview, PlanSegment
+from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, TORQUE_SHARE, Measure, joined
+from handrail.messages import (
+    EndCondition,
+    JointTrajectory,
+    PathForce,
+    PlanPreview,
+    PlanSegment,
+    PlanWaypoint,
+    PlanWorst,
+    StaleCause,
+)
 
 Array = NDArray[np.float64]
 
-START_TOLERANCE = 0.02
-"""rad: a plan whose start is further from the robot's command than this in any joint is stale"""
+GHOST_TOLERANCE = 0.005
+"""rad between the motion and straight lines through the knots that clients get"""
 
 
 class Infeasible(Exception):
@@ -42,6 +53,8 @@ class Segment:
     """(k, m) rad/s, zero in the first and the last row"""
     ends: tuple[EndCondition, ...] = ()
     path_force: PathForce | None = None
+    measures: tuple[Measure, ...] = ()
+    """what was measured along it, times from its start"""
 
     @property
     def duration(self) -> float:
@@ -92,48 +105,88 @@ class Plan:
                 return segment
         raise KeyError(f"{name}: plan {self.id} has {', '.join(s.name for s in self.segments)}")
 
-    def stale(self, versions: Mapping[str, int], command: Array | None) -> str:
-        """Why the plan may no longer be executed, in words; empty while it may.
+    @property
+    def starts(self) -> list[float]:
+        """s at which each segment begins"""
+        return [0.0, *np.cumsum([segment.duration for segment in self.segments])[:-1].tolist()]
 
-        `versions`: instance → version as it stands now; `command` (m,) rad: where the plan's joints are commanded now, None to
-        leave the start out (a plan under way has left it).
-        """
-        for name, version in self.made_from.items():
-            if name not in versions:
-                return f"{name} was removed after the plan was made"
-            if versions[name] != version:
-                return f"{name} was changed after the plan was made (version {version}, now {versions[name]})"
-        if command is not None:
-            off = np.abs(np.asarray(command) - self.start)
-            worst = int(off.argmax())
-            if not off[worst] <= START_TOLERANCE:  # NaN is stale too
-                return (
-                    f"the robot is not where the plan starts: {self.joints[worst]} is {off[worst]:.3f} rad off, "
-                    f"allowed {START_TOLERANCE:g}; plan anew"
-                )
-        return ""
+    @cached_property
+    def measures(self) -> dict[str, Measure]:
+        """name (see `measures`) → what was measured along the plan, times from its start"""
+        return joined((segment.measures for segment in self.segments), self.starts)
 
-    def preview(self, fresh: bool, why: str = "") -> PlanPreview:
-        """What clients draw as a ghost: a knot every tenth of a second is plenty for the eye."""
+    @cached_property
+    def waypoints(self) -> list[PlanWaypoint]:
+        """One a segment: what the way to it keeps at its worst, and how well it is met."""
+        return [_waypoint(segment, start) for segment, start in zip(self.segments, self.starts, strict=True)]
+
+    @cached_property
+    def _ghost(self) -> list[PlanSegment]:
+        return [_thinned(segment) for segment in self.segments]
+
+    def preview(
+        self, fresh: bool, why: str = "", causes: Sequence[StaleCause] = (), *, ghost: bool = True
+    ) -> PlanPreview:
+        """What clients see of it; the ghost with as few knots as the eye needs, or left out."""
         return PlanPreview(
             id=self.id,
             label=self.label,
             joints=list(self.joints),
-            segments=[_thinned(segment) for segment in self.segments],
+            segments=self._ghost if ghost else [],
             made_from=dict(self.made_from),
             fresh=fresh,
             stale_because=why,
+            stale_causes=list(causes),
             clearance=self.clearance,
             limit_margin=self.limit_margin,
             duration=self.duration,
+            arm=self.arm,
+            waypoints=self.waypoints,
         )
 
 
+def _waypoint(segment: Segment, start: float) -> PlanWaypoint:
+    measures = {measure.name: measure for measure in segment.measures}
+
+    def worst(name: str) -> PlanWorst | None:
+        if name not in measures:
+            return None
+        found = measures[name].worst()
+        if not np.isfinite(found.value):  # nothing was near at all
+            return None
+        return PlanWorst(value=round(found.value, 4), time=round(start + found.time, 3), about=found.about)
+
+    def met(name: str) -> float | None:
+        return round(float(measures[name].values[-1]), 5) if name in measures else None
+
+    return PlanWaypoint(
+        name=segment.name,
+        time=round(start + segment.duration, 3),
+        residual=met(RESIDUAL),
+        tilt=met(TILT),
+        clearance=worst(CLEARANCE),
+        limit_margin=worst(LIMIT_MARGIN),
+        torque_share=worst(TORQUE_SHARE),
+    )
+
+
 def _thinned(segment: Segment) -> PlanSegment:
-    wanted = np.arange(0.0, segment.duration, 0.1)
-    rows = np.unique(np.append(np.searchsorted(segment.times, wanted), len(segment.times) - 1))
+    rows = sorted(_needed(segment.times, segment.positions, 0, len(segment.times) - 1) | {0, len(segment.times) - 1})
     return PlanSegment(
         name=segment.name,
-        times=np.round(segment.times[rows], 4).tolist(),
+        times=np.round(segment.times[rows], 3).tolist(),
         positions=np.round(segment.positions[rows], 4).tolist(),
     )
+
+
+def _needed(times: Array, positions: Array, first: int, last: int) -> set[int]:
+    """Rows between two that straight lines need to stay within `GHOST_TOLERANCE` of all of them (Douglas and Peucker, in time)."""
+    if last - first < 2:
+        return set()
+    share = ((times[first : last + 1] - times[first]) / (times[last] - times[first]))[:, None]
+    straight = positions[first] + share * (positions[last] - positions[first])
+    off = np.abs(positions[first : last + 1] - straight).max(axis=1)
+    row = first + int(off.argmax())
+    if off[row - first] <= GHOST_TOLERANCE:
+        return set()
+    return {row} | _needed(times, positions, first, row) | _needed(times, positions, row, last)

@@ -74,6 +74,17 @@ class Kinematics:
         """Torque (n,) N·m that holds the robot still at joint positions (n,) rad."""
         return pin.computeGeneralizedGravity(self.model, self.data, self.configuration(position))[self.index_v]
 
+    def inverse_dynamics(self, positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+        """Torques (k, n) N·m, gravity included, through positions (k, n) rad at velocities, rad/s, and accelerations, rad/s²."""
+        velocity, acceleration = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        torques = np.empty(np.shape(positions))
+        for row, position in enumerate(positions):
+            velocity[self.index_v], acceleration[self.index_v] = velocities[row], accelerations[row]
+            torques[row] = pin.rnea(self.model, self.data, self.configuration(position), velocity, acceleration)[
+                self.index_v
+            ]
+        return torques
+
     def mass_matrix(self, position: np.ndarray) -> np.ndarray:
         """Joint-space inertia (n, n) kg·m² at joint positions (n,) rad."""
         pin.crba(self.model, self.data, self.configuration(position))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,7 +84,10 @@ class Plans:
         self._show()
 
     def take(self, plan: PlanPreview) -> None:
+        """News of a plan; without segments where only its freshness is news."""
         known = self._plans.get(plan.id)
+        if known is not None and not plan.segments:
+            plan = msgspec.structs.replace(plan, segments=known.segments)
         if known is None or known.segments != plan.segments:
             self._tracks.pop(plan.id, None)
         if known is None:

@@ -181,7 +181,7 @@ class Situation:
     def _plan(self, plan: messages.PlanPreview) -> None:
         before = self.plans.get(plan.id)
         self.plans.take(plan)
-        if not plan.fresh and (before is None or before.fresh) and self.plans.shown is plan:
+        if not plan.fresh and (before is None or before.fresh) and self.plans.shown is self.plans.get(plan.id):
             self.note("warning", "plan_stale", plan.label, plan.stale_because)
 
     def _instance(self, state: messages.InstanceState) -> None:

@@ -18,6 +18,7 @@ import pytest
 
 from daemon.serving.leases import Leases
 from engines.engine import Engine
+from engines.planning.measures import CLEARANCE, Measure
 from engines.planning.plan import Infeasible, Plan, Segment
 from handrail import messages as m
 from handrail.runtime import Runtime
@@ -247,7 +248,8 @@ class FakePlanner:
             way = np.linspace(here, goal, 5)
             ends = (m.PoseErrorEnd(frame="tip", position=0.02),) if name == "engage" else ()
             force = m.PathForce(frame="tip") if name == "turn" else None
-            segments.append(Segment(name, np.linspace(0, 1, 5), way, np.zeros((5, 2)), ends, force))
+            near = Measure(CLEARANCE, np.array([0.0, 1.0]), np.array([0.04, 0.03]), ("arm and wheel", "arm and post"))
+            segments.append(Segment(name, np.linspace(0, 1, 5), way, np.zeros((5, 2)), ends, force, (near,)))
             here = np.array(goal)
         outputs = {"entry_angle": angle, "end_angle": end, "arc_centre": centre}
         id = f"plan-{len(self.asked)}"

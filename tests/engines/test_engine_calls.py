@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from handrail import messages as m
 from handrail.topics import Caller, RefusedError
+from tests.engines.conftest import tip_pose
 
 ELSEWHERE = m.Pose(position=(0.5, -0.3, 0.3))
 
@@ -19,7 +21,7 @@ def test_a_plan_goes_stale_when_its_instance_moves_and_is_refused_with_the_reaso
     told = stack.wait(lambda e: isinstance(e, m.PlanPreview) and not e.fresh)
     assert told.id == plan.id and "version 1, now 2" in told.stale_because
     refusal = stack.refusal(m.ExecutePlan(id=plan.id))
-    assert "stale" in refusal.message and "wheel_1 was changed" in refusal.message
+    assert "stale" in refusal.message and "wheel_1 was moved 70.7 mm" in refusal.message
     assert not daemon.started()
 
 
@@ -48,6 +50,47 @@ def test_a_plan_whose_start_the_robot_has_left_is_stale(stack, daemon, wait_unti
     wait_until(lambda: stack.engine._services.daemon.command()[0] == 0.05)
     refusal = stack.refusal(m.ExecutePlan(id=plan.id))
     assert "angle is 0.050 rad off" in refusal.message
+
+
+def test_clients_hear_without_asking_that_the_robot_has_left_a_plans_start_and_that_it_is_back(stack, daemon):
+    stack.place()
+    plan = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
+    start = daemon.command[0]
+    daemon.command[0] = start + 0.05
+    told = stack.wait(lambda e: isinstance(e, m.PlanPreview) and not e.fresh)
+    assert (told.id, told.stale_causes, told.segments) == (plan.id, ["start_left"], []), "the ghost is not sent again"
+    daemon.command[0] = start
+    stack.wait(lambda e: isinstance(e, m.PlanPreview) and e.fresh and not e.segments)
+
+
+def test_a_plan_that_counts_on_a_joint_to_stay_is_stale_when_that_has_moved(stack, daemon):
+    stack.place()
+    plan = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
+    daemon.command[2] = 0.3
+    told = stack.wait(lambda e: isinstance(e, m.PlanPreview) and not e.fresh)
+    assert told.stale_causes == ["others_moved"] and "other" in told.stale_because
+    assert "counts on other to stay" in stack.refusal(m.ExecutePlan(id=plan.id)).message
+
+
+def test_a_plans_details_come_when_asked_for_and_only_then(stack, daemon):
+    stack.place(radius=0.16)
+    made = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
+    told = stack.wait(lambda e: isinstance(e, m.PlanPreview))
+    for thin in (made, told, stack.call(m.GetPlan(id=made.id))):
+        assert (thin.origin, thin.measures, thin.tool) == (None, {}, [])
+        assert [waypoint.name for waypoint in thin.waypoints] == [segment.name for segment in thin.segments]
+        assert thin.waypoints[1].clearance == m.PlanWorst(value=0.03, time=2.0, about="arm and post")
+        assert thin.waypoints[1].residual is None, "was not measured"
+    whole = stack.call(m.GetPlan(id=made.id, details=True))
+    assert whole.origin.asked == {"instance": "wheel_1", "trajectory": "turn", "arm": "right", "entry_shift": 0.0}
+    assert whole.origin.joints == {"angle": 0.0, "depth": -0.3, "other": 0.0}
+    assert (whole.origin.instances[0].version, whole.origin.instances[0].parameters["radius"]) == (1, 0.16)
+    near = whole.measures["clearance"]
+    assert [near.names[row] for row in near.which] == ["arm and wheel", "arm and post"] * len(whole.segments)
+    assert near.times[:4] == [0.0, 1.0, 1.0, 2.0]
+    knots = [knot for segment in whole.segments for knot in segment.positions]
+    assert whole.tool[-1] == pytest.approx(tip_pose(np.array([*knots[-1], 0.0]), "right")[0].tolist(), abs=1e-3)
+    assert len(whole.tool) == len(knots)
 
 
 def test_a_plan_can_be_executed_segment_by_segment(stack, daemon, wait_until):

@@ -77,6 +77,15 @@ def test_a_plan_that_goes_stale_before_it_was_used_stays_visible_with_its_reason
     assert plans.why_not_execute("plan-1") == "stale"
 
 
+def test_news_without_a_ghost_leaves_the_ghost_that_is_known(robot):
+    plans = Plans()
+    plans.take(robot.plan())
+    track = plans.track
+    plans.take(robot.plan(fresh=False, stale_because="wheel_1 was moved", segments=[]))
+    assert plans.track is track and track.duration == 3.0
+    assert plans.why_not_execute("plan-1") == "stale"
+
+
 def test_the_plan_that_a_prompt_is_about_is_shown_before_all_others(robot):
     plans = Plans()
     plans.take(robot.plan("asked"))

@@ -142,7 +142,7 @@ class Hardware:
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """The stiffness and damping (n,) nearest to these that the drives can be told, so that host and drives compute alike."""
         command = JointCommand(len(stiffness))
-        command.stiffness[:], command.damping[:] = stiffness, damping
+        command.stiffness[:], command.damping[:], command.mode[:] = stiffness, damping, Mode.IMPEDANCE
         seen = self._protocol.quantise(command)
         return seen.stiffness.copy(), seen.damping.copy()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hal.drives.lifecycle import DriveError, State, decode_statusword
+from hal.drives.lifecycle import NO_NUMBER, DriveError, State, decode_statusword
 from handrail.messages import DriveStatus
 from handrail.robot.description import RobotDescription
 
@@ -56,7 +56,10 @@ def drive_problems(snapshot: np.ndarray | np.void, description: RobotDescription
         quiet = [joint for joint in there if silent[rows[joint]]]
         alone = "" if len(quiet) < len(there) else ", nor from any other drive there: is the bus connected and powered?"
         for joint in quiet:
-            problems[joint] = f"no answer on channel {channel.name} ({channel.interface}){alone}"
+            if snapshot["error"][rows[joint]] == NO_NUMBER:
+                problems[joint] = "what it measures is no finite number: its answers are refused"
+            else:
+                problems[joint] = f"no answer on channel {channel.name} ({channel.interface}){alone}"
     return problems
 
 

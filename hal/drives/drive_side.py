@@ -49,6 +49,7 @@ from hal.drives.signals import (
     get_raw,
     get_value,
     joints_and_devices,
+    no_number,
     put_raw,
     put_value,
     sequence_of,
@@ -189,6 +190,9 @@ def decode_host(records, count, code, memory, cycle, check):
                 take_parameter(words, first, frames, f, ops, requests, memory[REQUESTS])
                 memory[REQUESTS] += 1
             good += 1
+            continue
+        if no_number(words, k, frames, f, ops, scales, lookups) >= 0:
+            refused += 1
             continue
         now = cycle if cycle >= 0 else memory[TURNS]
         took, late = _listen(words, first, f, frames, ops, memory, flags, now, check)

@@ -65,10 +65,11 @@ OP_COLUMNS = 10
 
 (
     HEAD, ROLE, FIRST, END, BYTES, SEQUENCE, TIME, CRC, CRC_FROM, CRC_TO, ALGORITHM, ENTITY, CONSTANTS, PAYLOAD, LAW,
-    MEMBERS, EVERY,
-) = range(17)  # fmt: skip
+    MEMBERS, EVERY, FLOATS,
+) = range(18)  # fmt: skip
 """Columns of a program's frames: word 1 of the record, Role, ops from FIRST to END, data length, the ops of sequence, time and CRC
 (−1: none), which bytes the CRC is over, its algorithm, the frame's (first) joint or device, whether some signals are constant,
 the first of its payloads (−1: none), whether the host realises modes (the drive knows only the impedance law), the first of the
-SEQUENCE ops, one for each joint (or the device) that it is for (−1: none), how many host cycles from one to the next."""
-FRAME_COLUMNS = 17
+SEQUENCE ops, one for each joint (or the device) that it is for (−1: none), how many host cycles from one to the next, whether some
+signals are floating-point numbers, which alone may be none."""
+FRAME_COLUMNS = 18

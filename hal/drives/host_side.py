@@ -31,7 +31,15 @@ from hal.drives.fields import (
     Field,
     Role,
 )  # fmt: skip
-from hal.drives.lifecycle import COMMAND_OF_CONTROLWORD, FOLLOW, INTERNAL_LIMIT, WARNING, State, statusword
+from hal.drives.lifecycle import (
+    COMMAND_OF_CONTROLWORD,
+    FOLLOW,
+    INTERNAL_LIMIT,
+    NO_NUMBER,
+    WARNING,
+    State,
+    statusword,
+)
 from hal.drives.order import is_fresh_answer, is_fresh_state
 from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take_parameter
 from hal.drives.rows import device_command, device_state, joint_command, joint_state
@@ -41,6 +49,7 @@ from hal.drives.signals import (
     get_raw,
     get_value,
     joints_and_devices,
+    no_number,
     put_raw,
     put_value,
     sequence_of,
@@ -186,7 +195,10 @@ def hear(words, count, code, joint_memory, device_memory, notes, watch, sent, ol
 
 @compiled
 def _take_in(words, count, code, joint_memory, device_memory, notes, sent):
-    """The nodes' frames among the first `count` records: (good, refused, repeated, replies)."""
+    """The nodes' frames among the first `count` records: (good, refused, repeated, replies).
+
+    A frame with a number that is none is refused whole: NaN would go on from there into every joint's command.
+    """
     words, notes = borrowed(words), borrowed(notes)
     frames, ops, scales, lookups, ids, long_ids, _, _ = tables(code)
     n, d = joints_and_devices(code)
@@ -212,6 +224,12 @@ def _take_in(words, count, code, joint_memory, device_memory, notes, sent):
                 replies += 1
             continue
         device, sequence, lag = role == _R_DEVICE_STATUS, np.int64(0), np.int64(0)
+        bad = no_number(words, k, frames, f, ops, scales, lookups)
+        if bad >= 0:
+            refused += 1
+            if not device:
+                octets[0, ops[bad, ROW]] = NO_NUMBER
+            continue
         if frames[f, SEQUENCE] >= 0:
             sequence = sequence_of(words, first, frames, f, ops)
             if device:
@@ -232,6 +250,8 @@ def _take_in(words, count, code, joint_memory, device_memory, notes, sent):
             value = get_value(words, first, ops, scales, lookups, o)
             if field <= _TORQUE:
                 table[field, row] = value
+                if octets[0, row] == NO_NUMBER:
+                    octets[0, row] = 0
             elif field == _COLUMN:
                 values[row, ops[o, COLUMN]] = value
             elif field == _SEQUENCE:

@@ -62,6 +62,10 @@ class DriveError(enum.IntEnum):
     """no power: the relay is open, or the battery empty"""
 
 
+NO_NUMBER = 255
+"""What the host notes in place of a drive's error byte: what it said last was no finite number, and counted for nothing."""
+
+
 CONTROLWORD = np.array([0x00, 0x02, 0x06, 0x07, 0x0F, 0x80], np.uint8)
 """Controlword of each Command, low byte."""
 

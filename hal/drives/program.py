@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.can.frames import EXTENDED
-from hal.can.layout import BIG_ENDIAN, MessageLayout
+from hal.can.layout import BIG_ENDIAN, FLOAT, MessageLayout
 from hal.drives import fields
 from hal.drives.family import Family, Message, Signal, load, number, placeholders, signal_of, table
 from hal.drives.fields import FRAME_COLUMNS, OP_COLUMNS, Field, Role
@@ -117,6 +117,7 @@ class Program:
             frame[fields.PAYLOAD] = self._payload(control.payloads)
         frame[fields.LAW] = int(role is Role.COMMAND and not signal_of(message.fields.get("mode", "")).signal)
         frame[fields.FIRST], frame[fields.END] = first, len(self._ops)
+        frame[fields.FLOATS] = int(any(op[fields.KIND] & FLOAT for op in self._ops[first:]))
         self._frames.append((role, frame))
 
     def _op(

@@ -240,7 +240,8 @@ class LimbProtocol:
     ) -> tuple[int, int]:
         """Take the answers among the first n records into `state` and `devices`; returns (good, refused).
 
-        Refused are frames with a bad CRC or of the wrong format; other frames are passed over. A device that was heard gets
+        Refused are frames with a bad CRC, of the wrong format, or with a number that is none (of a joint's, `error` then says
+        lifecycle.NO_NUMBER); other frames are passed over. A device that was heard gets
         age 0, a joint how many cycles ago what it answers was sent (0 where its frames echo no sequence number, or nothing was
         sent yet); the caller counts ages up once a cycle before this. Frames whose sequence number does not go on
         count for nothing, but in `repeated`.

@@ -11,6 +11,8 @@ compiled function costs about as much as a frame's decoding.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -41,6 +43,7 @@ from hal.drives.fields import (
     END,
     FIELD,
     FIRST,
+    FLOATS,
     FRAME_COLUMNS,
     HEAD,
     KIND,
@@ -249,6 +252,17 @@ def valid(words, k, frames, f, ops):
             if ops[o, FIELD] == _CONSTANT and np.int64(get_raw(words, first, ops, o)) != ops[o, COLUMN]:
                 return False
     return True
+
+
+@compiled
+def no_number(words, k, frames, f, ops, scales, lookups):
+    """The first signal (op) of this frame that is no finite number; −1: none. Only floating-point signals can be."""
+    if frames[f, FLOATS]:
+        first = WORDS * k + DATA
+        for o in range(frames[f, FIRST], frames[f, END]):
+            if ops[o, KIND] & FLOAT and not math.isfinite(get_value(words, first, ops, scales, lookups, o)):
+                return o
+    return np.int64(-1)
 
 
 @compiled

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from daemon.exchange import ActionState, Answer, Flag, Kind, Outcome, Rule, isolated_limbs
+from daemon.serving.drive_reports import drive_problems
+from hal.drives.fields import ENTITY, HEAD, Role
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
+from handrail.robot.description import RobotDescription
+from tests.drives import float_family
 
 LOST, MOVING = "arm_left_4_joint", "arm_right_1_joint"
 
@@ -162,3 +168,43 @@ def test_a_second_limb_may_fail_while_the_first_is_on_its_way_back(bench: Any, a
     assert not (bench.drives.life[~right] == State.OPERATION_ENABLED).any()
     bench.enable()
     assert (bench.drives.life == State.OPERATION_ENABLED).all()
+
+
+def test_a_drive_that_measures_no_number_is_lost_with_its_limb_alone_and_people_are_told_why(
+    make_bench: Any, talos: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    float_family.make(tmp_path)
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    limbs = tuple(
+        dataclasses.replace(limb, family=float_family.NAME) if LOST in limb.joints else limb for limb in talos.limbs
+    )
+    bench = make_bench(dataclasses.replace(talos, limbs=limbs))
+    bench.enable()
+    row, limb = bench.index(LOST), bench.description.limb_of_joint
+    stiffness, arm = bench.hardware.representable_gains(talos.stiffness, talos.stiffness)[0], limb == limb[row]
+    assert stiffness[arm] == pytest.approx(np.minimum(talos.stiffness, 500.0)[arm], rel=0.02), (
+        "in the one law that it has"
+    )
+    program = bench.hardware._protocol.program
+    (frame,) = (f for f in range(*program.span(Role.STATUS)) if program.frames[f, ENTITY] == row)
+    identifier, receive = program.frames[frame, HEAD] & 0xFFFFFFFF, bench.drives.receive
+
+    def poisoned(timeout_s: float = 0.0) -> np.ndarray:
+        records = receive(timeout_s)
+        records["data"][records["can_id"] == identifier, float_family.POSITION] = [0, 0, 0xC0, 0x7F]  # NaN
+        return records
+
+    monkeypatch.setattr(bench.drives, "receive", poisoned)
+    bench.start(bench.move(MOVING, 0.3, 2.0))
+    bench.run(LOST_AFTER - 5)
+    assert bench.snapshot()["flags"] == Flag.ENABLED and bench.action()[0] is ActionState.RUNNING
+    assert np.isfinite(bench.loop.written.table).all() and np.isfinite(bench.drives.state.table).all()
+    bench.run(10)
+    snapshot = bench.snapshot()
+    assert snapshot["flags"] == Flag.ENABLED | Flag.ISOLATED
+    assert isolated_limbs(snapshot, bench.description) == ["arm_left"]
+    assert bench.action() == (ActionState.ENDED, Outcome.DRIVE_FAULT)
+    assert (bench.drives.life[limb != limb[row]] == State.OPERATION_ENABLED).all()
+    assert snapshot["crc_errors"] > LOST_AFTER and not snapshot["safety"]["times"][Rule.NOT_FINITE]
+    problems = drive_problems(snapshot, bench.description)
+    assert problems == {LOST: "what it measures is no finite number: its answers are refused"}

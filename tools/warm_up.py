@@ -113,9 +113,10 @@ def _planner() -> None:
 
     from engines.planning.ik.constraints import Clearance
     from engines.planning.ik.mechanism import Mechanism
-    from engines.planning.ik.scene import Scene
     from engines.planning.ik.solver import Solver
     from engines.planning.manipulation import ManipulationPlanner
+    from engines.planning.sweep import Sweep
+    from engines.planning.world import World
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
 
@@ -123,9 +124,9 @@ def _planner() -> None:
     kinematics = Kinematics(description)
     ManipulationPlanner(description, kinematics)
     mechanism = Mechanism.of(kinematics)
-    Solver(mechanism).solve(
-        [Clearance(scene=Scene(mechanism))], mechanism.configuration(np.zeros(len(mechanism.joints)))
-    )
+    anywhere, world = mechanism.configuration(np.zeros(len(mechanism.joints))), World(mechanism)
+    Solver(mechanism).solve([Clearance(scene=world)], anywhere)
+    Sweep(world).nearest(anywhere)
 
 
 if __name__ == "__main__":

@@ -21,12 +21,19 @@ _TORUS_SIDES = 24
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A convex solid that stands still."""
+    """A solid that stands still: convex, or an octree."""
 
     name: str
-    geometry: coal.ShapeBase
+    geometry: coal.CollisionGeometry
     placement: pin.SE3
     """in the world"""
+    part_of: str = ""
+    """the instance that it is part of, if any"""
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return f"{self.name} of {self.part_of}" if self.part_of else self.name
 
 
 def placement_of(pose: Pose) -> pin.SE3:

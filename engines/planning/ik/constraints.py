@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engines.planning.ik.hull import hull
-from engines.planning.ik.scene import Scene
+from engines.planning.world import World
 from handrail.messages import Pose as PoseMessage
 
 Vector = tuple[float, float, float]
@@ -243,7 +243,7 @@ class PointDistance(Constraint):
 class BodyDistance(Constraint):
     """The shapes of two links are at least (and at most) so far apart. Penetration counts as negative distance."""
 
-    scene: Scene
+    scene: World
     link: str
     other: str
     lower: float = 0.0
@@ -261,7 +261,7 @@ class BodyDistance(Constraint):
 class Clearance(Constraint):
     """All bodies of a scene keep `at_least` m: the robot's links from each other and from what stands around."""
 
-    scene: Scene
+    scene: World
     at_least: float = 0.01
 
     def __post_init__(self) -> None:

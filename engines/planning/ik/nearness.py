@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from engines.planning.ik import kernels
 from engines.planning.ik.constraints import BodyDistance, Clearance
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.ik.scene import Scene
+from engines.planning.world import World
 from handrail.robot.model_memory import placements
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ MOST = 24
 class Bodies:
     """The bodies of one scene as one solver sees them: all its pairs, or those of two links."""
 
-    def __init__(self, mechanism: Mechanism, data: pin.Data, scene: Scene, *links: str):
+    def __init__(self, mechanism: Mechanism, data: pin.Data, scene: World, *links: str):
         self.model, self.data = mechanism.model, data
         self.joints, self.centres, self.radii = scene.joints, scene.centres, scene.radii
         self.geometry, self.pairs = _only(scene, *links) if links else (scene.geometry, scene.pairs)
@@ -92,7 +92,7 @@ class Nearness:
         return len(found)
 
 
-def _only(scene: Scene, link: str, other: str) -> tuple[pin.GeometryModel, Integers]:
+def _only(scene: World, link: str, other: str) -> tuple[pin.GeometryModel, Integers]:
     geometry = pin.GeometryModel(scene.geometry)
     geometry.removeAllCollisionPairs()
     pairs = [(min(i, j), max(i, j)) for i in scene.bodies_of(link) for j in scene.bodies_of(other)]

@@ -25,9 +25,9 @@ from engines.planning.ik.posture import PostureProblem
 from engines.planning.ik.relaxation import granted, stages
 from engines.planning.ik.report import Answer
 from engines.planning.ik.rows import Rows, Workspace
-from engines.planning.ik.scene import Scene
 from engines.planning.ik.sqp import Ending, Settings, descend
 from engines.planning.ik.table import Table, table_of
+from engines.planning.world import World
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -48,7 +48,7 @@ class Solver:
         self._settings = settings or Settings()
         self._workspace = Workspace(mechanism)
         self.checker = Checker(mechanism)
-        self._bodies: WeakKeyDictionary[Scene, dict[tuple[str, ...], Bodies]] = WeakKeyDictionary()
+        self._bodies: WeakKeyDictionary[World, dict[tuple[str, ...], Bodies]] = WeakKeyDictionary()
 
     def solve(
         self, constraints: Sequence[Constraint], nominal: Array, *, start: Array | None = None,

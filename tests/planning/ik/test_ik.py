@@ -26,9 +26,9 @@ from engines.planning.ik.constraints import (
     Position,
     Posture,
 )
-from engines.planning.ik.scene import Scene
 from engines.planning.obstacles import Obstacle
 from engines.planning.plan import Infeasible
+from engines.planning.world import World
 from handrail.robot import description as robots
 
 TIP, LEFT = "tool_right_tip", "tool_left_tip"
@@ -165,7 +165,7 @@ def test_a_goal_relative_to_a_frame_that_moves_goes_with_it(solver, upper, ready
 
 def test_the_arm_keeps_clear_of_a_table_that_its_nominal_way_would_touch(solver, upper, ready, placed):
     there = placed(upper, ready, "arm_right_5_link").translation
-    scene = Scene(upper, [table_at(*(there - [0.0, 0.0, 0.1]))], SPARE)
+    scene = World(upper, [table_at(*(there - [0.0, 0.0, 0.1]))], SPARE)
     clearance = Clearance(scene=scene, at_least=0.03)
     touching = Checker(upper).violations([clearance], ready)
     assert touching
@@ -177,7 +177,7 @@ def test_the_arm_keeps_clear_of_a_table_that_its_nominal_way_would_touch(solver,
 
 
 def test_two_links_keep_a_distance_between_bounds(solver, upper, ready):
-    scene = Scene(upper, (), SPARE)
+    scene = World(upper, (), SPARE)
     between = BodyDistance(scene=scene, link="arm_right_5_link", other="arm_left_5_link", lower=0.1, upper=0.12)
     assert Checker(upper).violations([between], ready)
     q = solver.solve([between], ready, starts=10).require().q
@@ -198,7 +198,7 @@ def test_out_of_reach_the_report_names_the_constraint_and_what_is_missing_in_met
 
 
 def test_a_goal_inside_an_obstacle_is_told_so(solver, upper, ready):
-    scene = Scene(upper, [table_at(0.6, -0.2, 0.0)], SPARE)
+    scene = World(upper, [table_at(0.6, -0.2, 0.0)], SPARE)
     goal = Position.at(TIP, [0.6, -0.2, 0.05], name="grasp")
     answer = solver.solve([goal, Clearance(scene=scene, at_least=0.01)], ready, starts=2)
     first = answer.violations[0]

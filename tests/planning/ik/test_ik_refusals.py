@@ -21,7 +21,7 @@ from engines.planning.ik.constraints import (
     Posture,
 )
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.ik.scene import Scene
+from engines.planning.world import World
 from handrail.messages import Pose as PoseMessage
 
 NAN, INF = math.nan, math.inf
@@ -94,9 +94,9 @@ def test_a_question_of_the_wrong_form_is_refused(more, words, solver, ready):
 
 def test_a_scene_of_another_robot_and_a_link_without_a_shape_are_refused(solver, upper, humanoid, ready):
     with pytest.raises(ValueError, match="scene: got one of another mechanism"):
-        solver.solve([Clearance(scene=Scene(humanoid))], ready)
+        solver.solve([Clearance(scene=World(humanoid))], ready)
     with pytest.raises(ValueError, match=f"link: got '{TIP}'; expected one with a shape"):
-        solver.solve([BodyDistance(scene=Scene(upper), link=TIP, other="head_2_link")], ready)
+        solver.solve([BodyDistance(scene=World(upper), link=TIP, other="head_2_link")], ready)
 
 
 def test_a_joint_of_several_degrees_of_freedom_is_refused():

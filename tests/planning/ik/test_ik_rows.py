@@ -12,9 +12,9 @@ from engines.planning.ik.checker import Checker
 from engines.planning.ik.nearness import Bodies
 from engines.planning.ik.report import ANGLE_WEIGHT
 from engines.planning.ik.rows import Rows, Workspace
-from engines.planning.ik.scene import Scene
 from engines.planning.ik.table import table_of
 from engines.planning.obstacles import Obstacle
+from engines.planning.world import World
 from handrail.messages import Pose
 
 HAND, OTHER, HEAD = "gripper_right_base_link", "gripper_left_base_link", "head_2_link"
@@ -105,7 +105,7 @@ def test_the_value_of_every_kind_is_what_the_checker_measures(name, humanoid, st
 
 def test_the_derivative_of_a_clearance_is_that_of_the_distance(upper, ready):
     box = Obstacle("box", coal.Box(0.3, 0.3, 0.3), pin.SE3(np.eye(3), np.array([0.5, -0.3, 0.1])))
-    scene = Scene(upper, [box], with_self=False)
+    scene = World(upper, [box], with_self=False)
     constraint = kinds.Clearance(scene=scene, at_least=0.05)
     rows = rows_of(upper, constraint, ready)
     generator, compared = np.random.default_rng(3), 0

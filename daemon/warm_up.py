@@ -12,7 +12,7 @@ from daemon.exchange import StreamMotion, TrajectoryMotion
 from daemon.safety.bodies import Bodies
 from daemon.safety.limits import Limits, enforce
 from daemon.safety.rules import followed
-from daemon.safety.separation import MAX_TRIPS, judge
+from daemon.safety.separation import judge
 from daemon.state.observer import SENSOR_AGE
 from daemon.state.robot_state import RobotState
 from hal.device import DeviceState
@@ -42,8 +42,7 @@ def warm_up(kinematics: Kinematics) -> None:
     stream.activate(robot, command)
     stream.update(robot, command)
     bodies = Bodies.of(kinematics)
-    pairs, moving, trips = np.zeros((len(bodies.pairs), 2)), np.zeros((2, n)), np.zeros((MAX_TRIPS, 3))
     told = (command.table, command.table, state.table)
-    judge(*told, *bodies.tables, pairs, moving, trips, limits.period, True)
+    judge(*told, *bodies.tables, *bodies.kept(), limits.period, True)
     followed(path.joints, command.position, state)
     enforce(JointCommand(n), command, JointCommand(n), state, limits)

@@ -11,6 +11,7 @@ import fnmatch
 import functools
 import hashlib
 import io
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from daemon.safety.separation import AXIS, HALF_SPACE, PLACEMENT, REACH, SELF
+from daemon.safety.separation import AXIS, HALF_SPACE, PLACEMENT, REACH, SELF, Kept
 from handrail.robot.guarding import HalfSpace, KeepOut, Region
 from handrail.robot.kinematics import Kinematics
 from handrail.robot.urdf import cache_folder, cached
@@ -57,6 +58,7 @@ class Bodies:
     bodies: NDArray[np.int64]
     vertices: Array
     pairs: NDArray[np.int64]
+    groups: NDArray[np.int64]
     margins: Array
     """(p,) m"""
     limits: Array
@@ -64,7 +66,11 @@ class Bodies:
     @functools.cached_property
     def tables(self) -> tuple[Any, ...]:
         """What `judge` takes of them, in its order."""
-        return (self.limits, self.joints, self.tree, self.shapes, self.bodies, self.vertices, self.pairs)
+        return (self.limits, self.joints, self.tree, self.shapes, self.bodies, self.vertices, self.pairs, self.groups)
+
+    def kept(self) -> Kept:
+        """What `judge` keeps, before its first call."""
+        return Kept.of(self.margins, len(self.groups), len(self.joints), self.limits.shape[1])
 
     def between(self, pair: int) -> NDArray[np.int64]:
         """Rows of the joints that move the bodies of a pair against each other."""
@@ -93,7 +99,8 @@ class Bodies:
         names, carriers = list(fitted["names"].tolist()), [place[int(joint)] for joint in fitted["joints"]]
         clouds = list(np.split(fitted["vertices"], fitted["ends"][:-1]))
         rounding = fitted["rounding"].tolist()
-        guard, pairs, margins = description.guard, [], []
+        guard, margins = description.guard, []
+        pairs: list[tuple[int, ...]] = []
         if guard.self_collision:
             for a, b in _self_pairs(names, carriers, tree, description.allowed_collision_pairs):
                 pairs.append((a, b, _base(tree, carriers[a], carriers[b]), SELF))
@@ -118,6 +125,7 @@ class Bodies:
             bodies[body, 2] -= 1
             shapes[body] = np.r_[clouds[body][0], 0.0, 0.0]
         _reach(joints, tree, bodies, np.vstack(clouds), shapes)
+        order, groups = _grouped(pairs, carriers)
         return cls(
             names=tuple(names),
             joints=joints,
@@ -125,8 +133,9 @@ class Bodies:
             shapes=shapes,
             bodies=bodies,
             vertices=np.vstack(clouds),
-            pairs=np.array(pairs, np.int64).reshape(-1, 4),
-            margins=np.array(margins, float),
+            pairs=np.array(pairs, np.int64).reshape(-1, 4)[order],
+            groups=np.array(groups, np.int64).reshape(-1, 5),
+            margins=np.array(margins, float)[order],
             limits=_limits(kinematics, fitted["inertia"], fitted["weight"]),
         )
 
@@ -163,6 +172,18 @@ def _self_pairs(
                 for one, other in allowed
             ):
                 yield a, b
+
+
+def _grouped(pairs: list[tuple[int, ...]], carriers: list[int]) -> tuple[list[int], list[tuple[int, ...]]]:
+    """The order in which pairs on the same two joints lie side by side; of each such group its joints, the last from which both
+    hang, its first pair and the one behind its last."""
+    on = [(carriers[a], carriers[b], base) for a, b, base, _ in pairs]
+    order = sorted(range(len(pairs)), key=on.__getitem__)
+    groups: list[tuple[int, ...]] = []
+    first = 0
+    for joints, members in itertools.groupby(order, key=on.__getitem__):
+        groups.append((*joints, first, first := first + len(list(members))))
+    return order, groups
 
 
 def _region(kinematics: Kinematics, place: dict[int, int], region: Region) -> tuple[int, Array]:

@@ -36,8 +36,8 @@ class Guard:
         n, description = len(robot.joints), robot.kinematics.description
         self._rows = {name: row for row, name in enumerate(frame_names(description))}
         self._regions = {region.name: row for row, region in enumerate(description.guard.regions)}
-        self._pairs = np.column_stack((bodies.margins, np.zeros(len(bodies.margins))))
-        self._moving, self._trips = np.zeros((2, n)), np.zeros((MAX_TRIPS, 3))
+        self._kept = bodies.kept()
+        self._moving = self._kept.moving
         self._speed, self._duration = np.zeros(n), 0.0
         """of the command before: rad/s, and s that braking from it takes"""
         self._excuses, self._latched = True, False
@@ -49,7 +49,7 @@ class Guard:
 
     def brakes(self, command: JointCommand, last: JointCommand) -> bool:
         """Whether `command` may not follow `last`, since no room would be left to brake: the manager has made another one."""
-        if not len(self._pairs):
+        if not len(self._bodies.pairs):
             return False
         if self._latched and not any(self._ledger.holds(rule) for rule in GUARDS):  # somebody has acknowledged it
             self._latched, self._excuses = False, True
@@ -59,15 +59,14 @@ class Guard:
             self._excuses = False
             self._judge(command, command, True)
         found, duration = self._judge(command, last, False)
-        if found and self._brake(self._trips[:found], last):
+        if found and self._brake(self._kept.trips[:found], last):
             return True
         self._speed[:], self._duration = self._moving[1], duration
         return False
 
     def _judge(self, command: JointCommand, last: JointCommand, excuse: bool) -> tuple[int, float]:
         told = (command.table, last.table, self._robot.joints.table)
-        kept = (self._pairs, self._moving, self._trips)
-        return judge(*told, *self._bodies.tables, *kept, self._robot.period, excuse)  # type: ignore[no-any-return]
+        return judge(*told, *self._bodies.tables, *self._kept, self._robot.period, excuse)  # type: ignore[no-any-return]
 
     def _brake(self, trips: Array, last: JointCommand) -> bool:
         joints = np.unique(np.concatenate([self._bodies.between(int(pair)) for pair in trips[:, 0]]))
@@ -88,7 +87,7 @@ class Guard:
         region = self._regions.get(other)
         rule = Rule.SELF_COLLISION if region is None else Rule.WORKSPACE
         row = self._rows[other] if region is None else region
-        margin = float(self._pairs[int(pair), 0])
+        margin = float(self._bodies.margins[int(pair)])
         self._ledger.trip(rule, self._rows[one], float(distance), margin, holds=True, other=row)
         return True
 

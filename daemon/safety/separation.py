@@ -9,16 +9,23 @@ v_a = v₀ + ω × a being the vertex' velocity against the last joint from whic
 joints between that one and the body, and U the same with each times the farthest that the body may be from the joint. The bound
 is concave in s: 0 and S decide. n·(a + S v_a) = a·(n + S n × ω) + S n·v₀ costs no more than another direction's support.
 
-The directions are those that GJK (Gilbert, Johnson and Keerthi 1988) goes through at s = 0 on its way to the closest points; it
-ends with the first that shows that the pair keeps its margin. So who passes does keep it, and who does not might, by little.
+The directions are those that GJK (Gilbert, Johnson and Keerthi 1988) goes through at s = 0 on its way to the closest points, from
+the one that was left with in the cycle before; it ends with the first that shows that the pair keeps its margin. So who passes does
+keep it, and who does not might, by little.
+
+Most pairs need not be looked at in most cycles: while the joints move by Δq, no point of a body gets farther than Σ |Δq_j| U_j, so
+a gap that was found remains, less the way that both bodies have gone since. Pairs on the same two joints lie side by side, and
+are passed over together.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from handrail.compiled import compiled
 
@@ -29,6 +36,10 @@ SELF, HALF_SPACE = 0, 1
 PLACEMENT, AXIS = slice(0, 12), slice(12, 15)
 REACH = 15
 """columns of `joints`: rotation and translation in the joint before, axis, m from it that anything which it carries may be"""
+PLACED, _OMEGA, _TRAVEL, _WAY, _OWN_WAY = 22, 18, 19, 20, 21
+"""columns of `placed`: 12 as of `joints`, ω, velocity at the world's origin; ΣΩ, ΣU; Σ |Δq| U ever since, and this joint's part"""
+MARGIN, EXCUSED, CLEAR, DIRECTION, REMEMBERED = 0, 1, 2, 3, 6
+"""columns of `memory`: m; 1 where it is; a gap that was found plus the way that both bodies had gone by then; along which vector"""
 _STEPS = 32
 _NEAR = 1e-7
 """m that the search for the closest points may be off"""
@@ -36,8 +47,28 @@ _CLOSING = 1e-3
 """m/s: an excused pair that comes closer no faster does not move: that is arithmetic, and noise"""
 _ROOM = 0.005
 """m beyond its margin at which a pair is excused no longer"""
+_FAR = 1e6
+"""rad: whoever goes so far in a cycle has left all gaps behind"""
 _STILL = 0.02
 """rad/s: measured joints that are slower stand"""
+
+
+class Kept(NamedTuple):
+    """What `judge` keeps from call to call, and what it tells, in its order."""
+
+    memory: NDArray[np.float64]
+    room: NDArray[np.float64]
+    placed: NDArray[np.float64]
+    moving: NDArray[np.float64]
+    trips: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, margins: NDArray[np.float64], groups: int, joints: int, n: int) -> Kept:
+        """Of a robot with so many groups of pairs, rows of `joints`, and commanded joints. `margins`: (p,) m."""
+        memory = np.zeros((len(margins), REMEMBERED))
+        memory[:, MARGIN], memory[:, CLEAR] = margins, -np.inf
+        placed, moving = np.zeros((joints, PLACED)), np.zeros((3, n))
+        return cls(memory, np.full(groups, -np.inf), placed, moving, np.zeros((MAX_TRIPS, 3)))
 
 
 @njit(error_model="numpy")
@@ -160,15 +191,15 @@ def _gap(vertices, bodies, placed, a, b, base, x, y, z, s):  # type: ignore[no-u
 
 
 @njit(error_model="numpy")
-def _place(positions, speeds, joints, tree, placed):  # type: ignore[no-untyped-def]
-    """Forward kinematics: `placed` (k, 20) rotation, translation, ω, velocity at the world's origin, ΣΩ and ΣU up to each joint."""
+def _place(moving, joints, tree, placed):  # type: ignore[no-untyped-def]
+    """Forward kinematics, and how far each joint has brought what it carries since the last call: rows of `placed`."""
     for i in range(joints.shape[0]):
         row, parent = tree[i, 1], tree[i, 0]
         f = joints[i]
         if parent < 0:
             for c in range(12):
                 placed[i, c] = f[c]
-            for c in range(12, 20):
+            for c in range(12, PLACED):
                 placed[i, c] = 0.0
             continue
         p, o = placed[parent], placed[i]
@@ -176,15 +207,17 @@ def _place(positions, speeds, joints, tree, placed):  # type: ignore[no-untyped-
             for c in range(3):
                 o[3 * r + c] = p[3 * r] * f[c] + p[3 * r + 1] * f[3 + c] + p[3 * r + 2] * f[6 + c]
             o[9 + r] = p[9 + r] + p[3 * r] * f[9] + p[3 * r + 1] * f[10] + p[3 * r + 2] * f[11]
-        q, speed = positions[row], speeds[row]
+        q, speed = moving[0, row], moving[1, row]
         x, y, z = f[12], f[13], f[14]
         ax, ay, az = o[0] * x + o[1] * y + o[2] * z, o[3] * x + o[4] * y + o[5] * z, o[6] * x + o[7] * y + o[8] * z
-        for c in range(12, 20):
+        for c in range(12, _WAY):
             o[c] = p[c]
+        o[_OWN_WAY] += moving[2, row] * (1.0 if tree[i, 2] else f[REACH])
+        o[_WAY] = p[_WAY] + o[_OWN_WAY]
         if tree[i, 2]:
             o[9], o[10], o[11] = o[9] + q * ax, o[10] + q * ay, o[11] + q * az
             o[15], o[16], o[17] = o[15] + speed * ax, o[16] + speed * ay, o[17] + speed * az
-            o[19] += 2.0 * abs(speed)  # twice, since the bound on the acceleration needs it
+            o[_TRAVEL] += 2.0 * abs(speed)  # twice, since the bound on the acceleration needs it
             continue
         sine, rest = math.sin(q), 1.0 - math.cos(q)
         for r in range(3):
@@ -201,21 +234,24 @@ def _place(positions, speeds, joints, tree, placed):  # type: ignore[no-untyped-
         o[15] += speed * (o[10] * az - o[11] * ay)
         o[16] += speed * (o[11] * ax - o[9] * az)
         o[17] += speed * (o[9] * ay - o[10] * ax)
-        o[18] += abs(speed)
-        o[19] += abs(speed) * f[15]
+        o[_OMEGA] += abs(speed)
+        o[_TRAVEL] += abs(speed) * f[REACH]
 
 
 @njit(error_model="numpy")
 def _take(wanted, last, measured, limits, period, moving):  # type: ignore[no-untyped-def]
-    """`moving` (2, n): positions and speeds that count. Of a joint that its drive holds, what it is told; of a soft one, what is
-    measured of it. Returns how long braking takes, s."""
+    """`moving` (3, n): positions and speeds that count, and rad since the last call. Of a joint that its drive holds, what it is
+    told; of a soft one, what is measured of it. Returns how long braking takes, s."""
     n = wanted.shape[1]
     for j in range(n):
+        before = moving[0, j]
         if wanted[3, j] < limits[n + 2, j]:
             speed = measured[1, j]
             moving[0, j], moving[1, j] = measured[0, j], speed if abs(speed) > _STILL else 0.0
         else:
             moving[0, j], moving[1, j] = wanted[0, j], (wanted[0, j] - last[0, j]) / period
+        way = abs(moving[0, j] - before)
+        moving[2, j] = way if way < _FAR else _FAR  # NaN, too: then nothing is known any more
     time = 0.0
     for j in range(n):
         momentum = 0.0
@@ -225,10 +261,21 @@ def _take(wanted, last, measured, limits, period, moving):  # type: ignore[no-un
     return time
 
 
+@njit(error_model="numpy")
+def _centre(shapes, bodies, placed, body):  # type: ignore[no-untyped-def]
+    p, x, y, z = placed[bodies[body, 0]], shapes[body, 0], shapes[body, 1], shapes[body, 2]
+    return (
+        p[0] * x + p[1] * y + p[2] * z + p[9],
+        p[3] * x + p[4] * y + p[5] * z + p[10],
+        p[6] * x + p[7] * y + p[8] * z + p[11],
+    )
+
+
 @compiled(error_model="numpy")
 def judge(  # type: ignore[no-untyped-def]
-    wanted, last, measured, limits, joints, tree, shapes, bodies, vertices, pairs, memory, moving, trips, period, excuse
-):
+    wanted, last, measured, limits, joints, tree, shapes, bodies, vertices, pairs, groups,
+    memory, room, placed, moving, trips, period, excuse,
+):  # fmt: skip
     """Which pairs would come nearer than they may if the robot braked after this cycle: (how many, s that braking takes).
 
     `wanted`, `last`, `measured`: JointCommand.table (5, n) of this cycle and the one before, JointState.table (4, n).
@@ -237,109 +284,125 @@ def judge(  # type: ignore[no-untyped-def]
     1.5 |M||q̇| / τ and √(6 |M||q̇| / τ̇). So the run-out S is T/2, and what is run through v²/2a with a = 2τ / 3M.
     `joints` (k, 16), `tree` (k, 3: joint before, row, whether it slides): the first is the base. `shapes` (m, 5: sphere around it
     in its joint's frame, rounding), `bodies` (m, 3: joint, first and last vertex), `vertices` (·, 3) m. `pairs` (p, 4: two bodies,
-    the last joint from which both hang, kind), `memory` (p, 2: margin m, whether it is excused). With `excuse`, pairs that are
-    within their margin now are excused: they may be so near, and go away from each other, but not come nearer.
-    `moving` (2, n) and `trips` (MAX_TRIPS, 3: pair, distance, what would be left of it, m) are written.
+    the last joint from which both hang, kind), in `groups` (g, 5: two joints, that last one, first and last pair).
+    What is kept from call to call: `memory` (p, REMEMBERED) of each pair, `room` (g,) m that a group has beyond its margins,
+    `placed` (k, PLACED), `moving` (3, n). With `excuse`, pairs that are within their margin now are excused: they may be so near,
+    and go away from each other, but not come nearer. `trips` (MAX_TRIPS, 3: pair, distance, what would be left of it, m) is
+    written.
     """
     time = _take(wanted, last, measured, limits, period, moving)
     run_out = 0.0 if excuse else 0.5 * time
-    placed, centres = np.empty((joints.shape[0], 20)), np.empty((shapes.shape[0], 3))
     w, v, u = np.empty((4, 3)), np.empty(3), np.empty(3)
-    _place(moving[0], moving[1], joints, tree, placed)
-    for i in range(shapes.shape[0]):
-        p = placed[bodies[i, 0]]
-        for r in range(3):
-            centres[i, r] = (
-                p[3 * r] * shapes[i, 0] + p[3 * r + 1] * shapes[i, 1] + p[3 * r + 2] * shapes[i, 2] + p[9 + r]
-            )
+    _place(moving, joints, tree, placed)
     found = 0
-    for number in range(pairs.shape[0]):
-        a, b, base, kind = pairs[number, 0], pairs[number, 1], pairs[number, 2], pairs[number, 3]
-        margin, excused = memory[number, 0], memory[number, 1] > 0.5
-        ja, jb = bodies[a, 0], bodies[b, 0]
-        travel_a, travel_b = placed[ja, 19] - placed[base, 19], placed[jb, 19] - placed[base, 19]
-        need = margin + run_out * (travel_a + travel_b)
-        if excused or excuse:
-            need = max(need, margin + _ROOM)
-        round_off = shapes[a, 4] + shapes[b, 4]
-        x, y, z = centres[a, 0] - centres[b, 0], centres[a, 1] - centres[b, 1], centres[a, 2] - centres[b, 2]
-        if kind == HALF_SPACE:
-            p, first = placed[jb], bodies[b, 1]
-            mx, my, mz = vertices[first + 1, 0], vertices[first + 1, 1], vertices[first + 1, 2]
-            x, y, z = (
-                p[0] * mx + p[1] * my + p[2] * mz,
-                p[3] * mx + p[4] * my + p[5] * mz,
-                p[6] * mx + p[7] * my + p[8] * mz,
-            )
-            rough = (
-                x * (centres[a, 0] - centres[b, 0])
-                + y * (centres[a, 1] - centres[b, 1])
-                + z * (centres[a, 2] - centres[b, 2])
-            )
-        else:
-            rough = math.sqrt(x * x + y * y + z * z)
-        if rough - shapes[a, 3] - shapes[b, 3] >= need:
-            memory[number, 1] = 0.0
+    for group in range(groups.shape[0]):
+        ja, jb, base = groups[group, 0], groups[group, 1], groups[group, 2]
+        travel_a, travel_b = placed[ja, _TRAVEL] - placed[base, _TRAVEL], placed[jb, _TRAVEL] - placed[base, _TRAVEL]
+        way = placed[ja, _WAY] + placed[jb, _WAY] - 2.0 * placed[base, _WAY]
+        if not excuse and room[group] - way >= run_out * (travel_a + travel_b):
             continue
         bend = (
             0.5
             * run_out
             * run_out
-            * ((placed[ja, 18] - placed[base, 18]) * travel_a + (placed[jb, 18] - placed[base, 18]) * travel_b)
+            * (
+                (placed[ja, _OMEGA] - placed[base, _OMEGA]) * travel_a
+                + (placed[jb, _OMEGA] - placed[base, _OMEGA]) * travel_b
+            )
         )
-        v[0], v[1], v[2] = x, y, z
-        count, safe, now, then, size = 0, False, 0.0, 0.0, math.sqrt(x * x + y * y + z * z)
-        for step in range(_STEPS):
-            if size > 1e-9:
-                x, y, z = v[0] / size, v[1] / size, v[2] / size
-            gap, i, k = _gap(vertices, bodies, placed, a, b, base, x, y, z, 0.0)
-            now = gap - round_off
-            if now >= need:
-                memory[number, 1] = 0.0
-                safe = True
-                break
-            if now >= margin:
-                then = _gap(vertices, bodies, placed, a, b, base, x, y, z, run_out)[0] - round_off - bend
-                if then >= margin:
+        pa, pb = placed[ja], placed[jb]
+        room[group] = np.inf
+        for number in range(groups[group, 3], groups[group, 4]):
+            a, b, kind, about = pairs[number, 0], pairs[number, 1], pairs[number, 3], memory[number]
+            margin, excused = about[MARGIN], about[EXCUSED] > 0.5
+            need = margin + run_out * (travel_a + travel_b)
+            if excused or excuse:
+                need = max(need, margin + _ROOM)
+            if about[CLEAR] - way >= need:
+                about[EXCUSED] = 0.0
+                room[group] = min(room[group], about[CLEAR] - margin)
+                continue
+            ax, ay, az = _centre(shapes, bodies, placed, a)
+            bx, by, bz = _centre(shapes, bodies, placed, b)
+            x, y, z = ax - bx, ay - by, az - bz
+            if kind == HALF_SPACE:
+                first = bodies[b, 1]
+                mx, my, mz = vertices[first + 1, 0], vertices[first + 1, 1], vertices[first + 1, 2]
+                nx, ny, nz = (
+                    pb[0] * mx + pb[1] * my + pb[2] * mz,
+                    pb[3] * mx + pb[4] * my + pb[5] * mz,
+                    pb[6] * mx + pb[7] * my + pb[8] * mz,
+                )
+                rough = x * nx + y * ny + z * nz
+                x, y, z = nx, ny, nz
+            else:
+                rough = math.sqrt(x * x + y * y + z * z)
+            rough -= shapes[a, 3] + shapes[b, 3]
+            if rough >= need:
+                about[EXCUSED], about[CLEAR] = 0.0, rough + way
+                room[group] = min(room[group], about[CLEAR] - margin)
+                continue
+            round_off = shapes[a, 4] + shapes[b, 4]
+            v[0], v[1], v[2] = x, y, z
+            if kind == SELF and about[DIRECTION] ** 2 + about[DIRECTION + 1] ** 2 + about[DIRECTION + 2] ** 2 > 0.5:
+                v[0], v[1], v[2] = about[DIRECTION], about[DIRECTION + 1], about[DIRECTION + 2]
+            count, safe, now, then = 0, False, 0.0, 0.0
+            size = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+            for step in range(_STEPS):
+                if size > 1e-9:
+                    x, y, z = v[0] / size, v[1] / size, v[2] / size
+                gap, i, k = _gap(vertices, bodies, placed, a, b, base, x, y, z, 0.0)
+                now = gap - round_off
+                if now >= need:
+                    about[EXCUSED] = 0.0
                     safe = True
                     break
-            if kind == HALF_SPACE or size <= 1e-9 or (step and size - gap <= _NEAR):
-                break
-            if step == 0:
-                count = 0
-            pa, pb = placed[ja], placed[jb]
-            for r in range(3):
-                w[count, r] = (
-                    pa[3 * r] * vertices[i, 0]
-                    + pa[3 * r + 1] * vertices[i, 1]
-                    + pa[3 * r + 2] * vertices[i, 2]
-                    + pa[9 + r]
-                ) - (
-                    pb[3 * r] * vertices[k, 0]
-                    + pb[3 * r + 1] * vertices[k, 1]
-                    + pb[3 * r + 2] * vertices[k, 2]
-                    + pb[9 + r]
-                )
-            count = _closest(w, count + 1, v, u)
-            size = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-            if count == 4 or size <= 1e-9:  # they overlap: along the line between their middles
-                x, y, z = centres[a, 0] - centres[b, 0], centres[a, 1] - centres[b, 1], centres[a, 2] - centres[b, 2]
-                size = max(math.sqrt(x * x + y * y + z * z), 1e-9)
-                x, y, z = x / size, y / size, z / size
-                now = -round_off
-                break
-        if safe:
-            continue
-        if excuse:
-            memory[number, 1] = 1.0 if now < margin else 0.0
-            continue
-        then = _gap(vertices, bodies, placed, a, b, base, x, y, z, period if excused else run_out)[0] - round_off
-        if not excused:
-            then -= bend
-        elif then - now >= -_CLOSING * period:
-            continue
-        trips[found, 0], trips[found, 1], trips[found, 2] = number, now, min(now, then)
-        found += 1
-        if found == MAX_TRIPS:
-            break
+                if now >= margin:
+                    then = _gap(vertices, bodies, placed, a, b, base, x, y, z, run_out)[0] - round_off - bend
+                    if then >= margin:
+                        safe = True
+                        break
+                if kind == HALF_SPACE or size <= 1e-9 or (step and size - gap <= _NEAR):
+                    break
+                for r in range(3):
+                    w[count, r] = (
+                        pa[3 * r] * vertices[i, 0]
+                        + pa[3 * r + 1] * vertices[i, 1]
+                        + pa[3 * r + 2] * vertices[i, 2]
+                        + pa[9 + r]
+                    ) - (
+                        pb[3 * r] * vertices[k, 0]
+                        + pb[3 * r + 1] * vertices[k, 1]
+                        + pb[3 * r + 2] * vertices[k, 2]
+                        + pb[9 + r]
+                    )
+                count = _closest(w, count + 1, v, u)
+                size = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+                if count == 4 or size <= 1e-9:  # they overlap: along the line between their middles
+                    x, y, z = ax - bx, ay - by, az - bz
+                    size = max(math.sqrt(x * x + y * y + z * z), 1e-9)
+                    x, y, z = x / size, y / size, z / size
+                    now = -round_off
+                    break
+            about[CLEAR], about[DIRECTION], about[DIRECTION + 1], about[DIRECTION + 2] = now + way, x, y, z
+            if safe:
+                if about[EXCUSED] > 0.5:
+                    room[group] = -np.inf
+                else:
+                    room[group] = min(room[group], about[CLEAR] - margin)
+                continue
+            room[group] = -np.inf
+            if excuse:
+                about[EXCUSED] = 1.0 if now < margin else 0.0
+                continue
+            step_s = period if excused else run_out
+            then = _gap(vertices, bodies, placed, a, b, base, x, y, z, step_s)[0] - round_off
+            if not excused:
+                then -= bend
+            elif then - now >= -_CLOSING * period:
+                continue
+            trips[found, 0], trips[found, 1], trips[found, 2] = number, now, min(now, then)
+            found += 1
+            if found == MAX_TRIPS:
+                return found, time
     return found, time

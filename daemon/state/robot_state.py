@@ -42,9 +42,8 @@ class Hand(NamedTuple):
 class RobotState:
     """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
 
-    Gravity is there after `update`; forward kinematics run when somebody asks for a frame, once a cycle. Arrays have one row a
-    joint in the description's order, frames are seen from the base (`base_link`), which on a fixed one is the world. `gravity` is
-    overwritten by the next `update`.
+    Gravity and forward kinematics are computed when somebody asks for them, once a cycle. Arrays have one row a joint in the
+    description's order, frames are seen from the base (`base_link`), which on a fixed one is the world.
     """
 
     def __init__(self, kinematics: Kinematics, joints: JointState, period: float, devices: DeviceState | None = None):
@@ -58,8 +57,7 @@ class RobotState:
             for row, device in enumerate(kinematics.description.devices)
             if device.family == "gripper" and devices is not None
         }
-        self.gravity = np.zeros(len(joints))
-        """N·m (n,), at the measured position"""
+        self._gravity = np.zeros(len(joints))
         self._outside = ExternalWrenches(kinematics, joints, period, devices)
         self.sensors = self._outside.sensors
         """row of RobotDescription.devices → force-torque sensor"""
@@ -79,15 +77,22 @@ class RobotState:
         self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._last = JointCommand(len(joints))
-        self._measured_fresh = self._commanded_fresh = False
+        self._measured_fresh = self._commanded_fresh = self._gravity_fresh = False
 
     def update(self, last: JointCommand) -> None:
         """Take the joints as measured now into the model. `last`: what was commanded in the cycle before, and frames then tell."""
         self._last = last
         self._q[self._rows] = self.joints.position
         self._v[self._rows] = self.joints.velocity
-        self.gravity[...] = pin.computeGeneralizedGravity(self._model, self._measured, self._q)[self._rows]
-        self._measured_fresh = self._commanded_fresh = False
+        self._measured_fresh = self._commanded_fresh = self._gravity_fresh = False
+
+    @property
+    def gravity(self) -> Array:
+        """N·m (n,), at the measured position; the next cycle overwrites it."""
+        if not self._gravity_fresh:
+            pin.computeGeneralizedGravity(self._model, self._measured, self._q).take(self._rows, out=self._gravity)
+            self._gravity_fresh = True
+        return self._gravity
 
     def estimate_base(self, time_ns: int) -> None:
         """Update `base`, where it is not fixed. time_ns: the robot's clock."""

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from daemon.exchange import Answer
 from daemon.safety.bodies import Bodies
-from daemon.safety.separation import MAX_TRIPS, judge
+from daemon.safety.separation import MARGIN, MAX_TRIPS, judge
 from hal.drives.protocol import LimbProtocol
 from hal.joint import JointCommand, JointState
 from handrail.messages import JointTrajectory
@@ -36,15 +36,23 @@ class Judged:
         n = len(kinematics.description.joints)
         self.command, self.last, self.state = JointCommand(n), JointCommand(n), JointState(n)
         self.command.stiffness[:] = kinematics.description.stiffness
-        self.moving, self.trips = np.zeros((2, n)), np.zeros((MAX_TRIPS, 3))
         self.period = kinematics.description.period_ns * 1e-9
-        self.pairs = np.zeros((len(self.bodies.pairs), 2))
-        self.pairs[:, 0] = margin
+        self.margin = margin
+        self.forget()
+
+    def forget(self) -> None:
+        """As if it had never been asked."""
+        self.kept = self.bodies.kept()
+        self.kept.memory[:, MARGIN] = self.margin
+
+    @property
+    def trips(self) -> np.ndarray:
+        return self.kept.trips
 
     def __call__(self, position: np.ndarray, velocity: np.ndarray, *, excuse: bool = False) -> tuple[int, float]:
         self.command.position[:], self.last.position[:] = position, position - velocity * self.period
         told = (self.command.table, self.last.table, self.state.table)
-        return judge(*told, *self.bodies.tables, self.pairs, self.moving, self.trips, self.period, excuse)
+        return judge(*told, *self.bodies.tables, *self.kept, self.period, excuse)
 
 
 class Hulls:
@@ -89,8 +97,9 @@ def test_distances_are_those_of_the_hulls_and_never_more(talos: Kinematics, hull
     position, still = posture(talos, q), np.zeros(18)
     judged, truth = Judged(talos, 9.0), hulls(position)
     for pair in range(len(truth)):
-        judged.pairs[:, 0] = -9.0
-        judged.pairs[pair, 0] = 9.0
+        judged.forget()
+        judged.kept.memory[:, MARGIN] = -9.0
+        judged.kept.memory[pair, MARGIN] = 9.0
         assert judged(position, still)[0] == 1
         rounded = judged.bodies.shapes[judged.bodies.pairs[pair, :2], 4].sum()
         if truth[pair] > 0.0:
@@ -109,7 +118,7 @@ def test_who_passes_keeps_the_margin_on_the_whole_way_of_braking(
     found, duration = judged(position, velocity)
     if found == MAX_TRIPS:
         return  # it stopped looking
-    passed = np.ones(len(judged.pairs), bool)
+    passed = np.ones(len(judged.bodies.pairs), bool)
     passed[judged.trips[:found, 0].astype(int)] = False
     for s in np.linspace(0.0, 0.5 * duration, 6):
         assert hulls(position + s * velocity)[passed].min() >= 0.01 - 1e-5
@@ -131,6 +140,23 @@ def test_a_pair_that_is_near_when_it_is_excused_may_part_but_not_close(talos: Ki
     assert judged(near, 0.0 * way)[0] >= 1
 
 
+def test_what_is_remembered_of_a_pair_changes_no_verdict(talos: Kinematics) -> None:
+    random, margin = np.random.default_rng(3), 0.08
+    judged, afresh = Judged(talos, margin), Judged(talos, margin)
+    position, tripped, passed_over = talos.description.home_position(), 0, 0
+    for step in np.repeat([0.003, 0.03, 0.3], 60):
+        position = position + random.normal(0.0, step, 18)
+        afresh.forget()
+        found, truth = judged(position, np.zeros(18))[0], afresh(position, np.zeros(18))[0]
+        assert found == truth
+        assert judged.trips[:found, 0].tolist() == afresh.trips[:found, 0].tolist()
+        assert np.abs(judged.trips[:found, 1] - afresh.trips[:found, 1]).max(initial=0.0) < 1e-5
+        tripped += found
+        passed_over += int((judged.kept.room > 0.0).sum())
+    assert tripped > 100
+    assert passed_over > 0, "some pairs were known to be far enough"
+
+
 def test_regions_are_kept_by_the_links_that_they_name() -> None:
     description = robots.load("talos_upper")
     tip = Kinematics(description).frame(description.home_position(), "tool_right_tip").translation
@@ -141,7 +167,7 @@ def test_regions_are_kept_by_the_links_that_they_name() -> None:
         guarding = Guarding(self_collision=False, regions=(region,))
         kinematics = Kinematics(replace(description, guard=guarding))
         judged = Judged(kinematics, 9.0)
-        assert len(judged.pairs) == 1
+        assert len(judged.bodies.pairs) == 1
         assert judged(description.home_position(), np.zeros(18))[0] == 1
         assert judged.trips[0, 1] == pytest.approx(gap, abs=0.03), "the stub is a little lower than its tip's middle"
         assert judged.bodies.margins.tolist() == [region.margin]

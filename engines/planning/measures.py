@@ -49,12 +49,12 @@ class Measure:
         return Worst(float(self.values[row]), float(self.times[row]), self.about[row] if self.about else "")
 
     def series(self) -> PlanSeries:
-        """As clients get it, in figures that they can tell apart (0.1 mm, 0.1 mrad, 1 ms)."""
+        """As clients get it, in figures that they can tell apart (10 µm, 10 µrad, 1 ms)."""
         names = list(dict.fromkeys(self.about))
         number = {name: row for row, name in enumerate(names)}
         return PlanSeries(
             times=np.round(self.times, 3).tolist(),
-            values=np.round(self.values, 4).tolist(),
+            values=np.round(self.values, 5).tolist(),
             names=names,
             which=[number[name] for name in self.about],
         )

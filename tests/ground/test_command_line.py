@@ -20,6 +20,7 @@ VERBS = [
     "controllers",
     "drives",
     "program",
+    "plan",
     "robot",
     "new",
     "behaviour",

@@ -1,0 +1,201 @@
+"""`handrail plan`: the plans that the engine has made, their figures, as a picture or as JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
+from handrail.link.keys import KeysError
+from handrail.messages import PlanPreview
+from handrail.plan.words import figure_of, value_of, worst_of
+
+app = typer.Typer(help="Look at plans.", no_args_is_help=True, add_completion=False)
+_out = Console()
+_err = Console(stderr=True)
+_COLUMNS = {
+    "residual": "off",
+    "tilt": "tilt",
+    "clearance": "clearance",
+    "limit_margin": "limit margin",
+    "torque_share": "torque",
+}
+
+Plan = Annotated[str, typer.Argument(help="Its id, the end of one, `last`, or a file that `export` wrote.")]
+ConnectTo = Annotated[str, typer.Option("--connect", help="Address of the robot's link.")]
+Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
+
+
+@app.callback()
+def _plan() -> None:
+    """The plans of the robot that is up (docs/plans.md)."""
+
+
+@app.command("list")
+def list_(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """List the plans that are kept, oldest first, and why a stale one is stale."""
+    with _robot(connect_to, keys) as robot:
+        plans = robot.snapshot().plans
+    if not plans:
+        _out.print("no plan was made yet")
+        return
+    table = Table("plan", "what", "arm", "s", "clearance", "limit margin", "torque", "")
+    for plan in plans:
+        figures = [_worst(plan, measure) for measure in ("clearance", "limit_margin", "torque_share")]
+        state = Text("fresh", "green") if plan.fresh else Text(f"stale: {plan.stale_because}", "red")
+        table.add_row(plan.id, plan.label, plan.arm, f"{plan.duration:.1f}", *figures, state)
+    _out.print(table)
+
+
+@app.command()
+def make(
+    instance: Annotated[str, typer.Argument(help="A template's instance.")],
+    trajectory: Annotated[str, typer.Argument(help="A trajectory of its template.")],
+    arm: Annotated[str, typer.Option(help="Which arm.")] = "right",
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Plan a template's trajectory from where the robot is now, and show it. Nothing moves."""
+    with _robot(connect_to, keys) as robot:
+        plan = robot.plan(instance, trajectory, arm)
+        _show(robot.get_plan(plan.id, details=True))
+
+
+@app.command()
+def show(plan: Plan = "last", connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """What a plan keeps on the way to each waypoint, the worst in red, and what it was made from."""
+    _show(_found(plan, connect_to, keys))
+
+
+@app.command()
+def plot(
+    plan: Plan = "last",
+    png: Annotated[Path, typer.Option(help="The picture's file.", dir_okay=False)] = Path("plan.png"),
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Draw joints, clearance, margins, residual and torque over time, and the tool's way in space."""
+    found = _found(plan, connect_to, keys)
+    try:
+        from handrail.plan.picture import draw
+
+        draw(found, png)
+    except ModuleNotFoundError as missing:
+        _fail(f"plots need the package {missing.name}: pip install 'handrail[sim]'")
+    except (OSError, ValueError) as problem:
+        _fail(str(problem))
+    _out.print(f"{png}: {found.label}, {found.id}", highlight=False, markup=False, soft_wrap=True)
+
+
+@app.command()
+def export(
+    plan: Plan = "last",
+    json: Annotated[Path | None, typer.Option(help="The file; none: standard output.", dir_okay=False)] = None,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Write all that is known of a plan as JSON: knots, measures, what it was made from (SI units, radians)."""
+    text = msgspec.json.format(msgspec.json.encode(_found(plan, connect_to, keys)), indent=1)
+    if json is None:
+        sys.stdout.buffer.write(text + b"\n")
+        return
+    try:
+        json.write_bytes(text + b"\n")
+    except OSError as problem:
+        _fail(str(problem))
+
+
+def _found(plan: str, connect_to: str, keys: Path | None) -> PlanPreview:
+    """A plan with its details, from the robot or from a file."""
+    if plan.endswith(".json"):
+        try:
+            return msgspec.json.decode(Path(plan).read_bytes(), type=PlanPreview)
+        except (OSError, msgspec.DecodeError) as problem:
+            _fail(f"{plan}: {problem}; expected a plan that `handrail plan export` wrote")
+    with _robot(connect_to, keys) as robot:
+        return robot.get_plan(_id(plan, [each.id for each in robot.snapshot().plans]), details=True)
+
+
+def _id(plan: str, known: list[str]) -> str:
+    """The one plan that is meant; what fits none or several goes to the robot as it is, which says what there is."""
+    if plan == "last" and known:
+        return known[-1]
+    fitting = [each for each in known if each == plan] or [each for each in known if each.endswith(plan)]
+    return fitting[0] if len(fitting) == 1 else plan
+
+
+@contextlib.contextmanager
+def _robot(connect_to: str, keys: Path | None) -> Iterator[Client]:
+    try:
+        with connect(connect_to, keys) as robot:
+            yield robot
+    except RefusedError as refused:
+        _fail(str(refused))
+    except (Unreachable, KeysError, ValueError) as problem:
+        _fail(f"{connect_to}: {problem}")
+
+
+def _fail(text: str) -> None:
+    _err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
+    raise typer.Exit(1)
+
+
+def _worst(plan: PlanPreview, measure: str) -> str:
+    waypoint = worst_of(plan, measure)
+    return "–" if waypoint is None else figure_of(measure, value_of(waypoint, measure))
+
+
+def _show(plan: PlanPreview) -> None:
+    _out.print(
+        f"{plan.label}, {plan.arm} arm, {plan.duration:.2f} s ({plan.id})", style="bold", highlight=False, markup=False
+    )
+    if plan.fresh:
+        _out.print("fresh", style="green")
+    else:
+        _out.print(f"stale: {plan.stale_because}", style="red", highlight=False, markup=False, soft_wrap=True)
+    table = Table("waypoint", "at, s", *_COLUMNS.values())
+    worst = {measure: worst_of(plan, measure) for measure in _COLUMNS}
+    for waypoint in plan.waypoints:
+        cells = []
+        for measure in _COLUMNS:
+            style = "bold red" if waypoint is worst[measure] else ""
+            cells.append(Text(figure_of(measure, value_of(waypoint, measure)), style, justify="right"))
+        table.add_row(waypoint.name, f"{waypoint.time:.2f}", *cells)
+    _out.print(table)
+    for measure, words in (
+        ("clearance", "nearest"),
+        ("limit_margin", "next to its limit"),
+        ("torque_share", "works hardest"),
+    ):
+        if (at := worst[measure]) is not None:
+            found = getattr(at, measure)
+            line = f"{words}: {found.about}, {figure_of(measure, found.value)} at {found.time:.2f} s"
+            _out.print(line, highlight=False, markup=False, soft_wrap=True)
+    if plan.origin is not None:
+        _origin(plan)
+
+
+def _origin(plan: PlanPreview) -> None:
+    origin = plan.origin
+    assert origin is not None
+    asked = ", ".join(
+        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in origin.asked.items()
+    )
+    lines = [f"asked for: {asked}{f' (run {origin.run})' if origin.run else ''}"]
+    for instance in origin.instances:
+        place = ", ".join(f"{value:.3f}" for value in instance.pose_in_world.position)
+        sizes = ", ".join(f"{name} {value:g}" for name, value in instance.parameters.items())
+        what = f"{instance.template} {instance.template_hash}"
+        lines.append(f"from {instance.name}, version {instance.version}: {what} at ({place}) m, {sizes}")
+    still = [joint for joint in origin.joints if joint not in plan.joints]
+    lines.append(f"counts on {len(still)} other joints to stay: {', '.join(still)}" if still else "moves every joint")
+    _out.print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from engines.planning.margins import Margins
 from engines.planning.plan import Cancelled, Infeasible
 from engines.planning.sweep import Nearest, Sweep, lines
 from engines.planning.world import World
@@ -32,21 +33,6 @@ _SPARE = 2e-3
 _CORNER = 0.35
 """of its shorter edge that a corner is rounded from, at most"""
 _TELL_EVERY = 100
-
-
-@dataclass(frozen=True)
-class Margins:
-    """What has to be kept, m: from the robot itself, and from what stands around."""
-
-    itself: float = 0.01
-    objects: float = 0.02
-
-    def floors(self, world: World, touching: tuple[tuple[str, str], ...] = ()) -> Array:
-        """(pairs,) m of each pair of the world; −inf for those of these names, with wildcards, which may touch."""
-        floors = np.where(world.of_itself, self.itself, self.objects)
-        if touching:
-            floors[world.touching(*touching)] = -np.inf
-        return floors
 
 
 @dataclass(frozen=True)

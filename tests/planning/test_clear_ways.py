@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from engines.planning.connect import Budget, Connector, Margins, connect
+from engines.planning.connect import Budget, Connector, connect
 from engines.planning.ik.mechanism import Mechanism
+from engines.planning.margins import Margins
 from engines.planning.obstacles import Obstacle, obstacles_of
 from engines.planning.plan import Cancelled, Infeasible
 from engines.planning.sweep import TOLERANCE, Sweep, cubics, lines

@@ -1,0 +1,265 @@
+"""Whether a whole timed plan keeps what it must: looked at ten times as densely as its knots, before it may be returned.
+
+Shares nothing with planners but the robot's model and bodies: curves are evaluated in their power basis, bodies that come too near
+are found by coal's broad phase with a security margin, constraints are measured by `ik.checker`, torques by pinocchio's inverse
+dynamics. A mistake in a path, a spline, a profile or a certificate shows here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from engines.planning.ik.checker import ANGLE, LENGTH, Checker
+from engines.planning.ik.constraints import Constraint
+from engines.planning.ik.report import Measure
+from engines.planning.margins import Margins
+from engines.planning.plan import Infeasible
+from engines.planning.timing import Limits
+from engines.planning.world import World
+
+Array = NDArray[np.float64]
+Names = tuple[tuple[str, str], ...]
+
+DENSITY = 10
+"""looks at each stretch between knots"""
+NEAR = 1e-3
+"""m, by what a clearance may be missed"""
+_SHARE = 1e-3
+"""of a limit on velocity, acceleration or torque, by what it may be passed"""
+_REST, _GAP = 1e-6, 1e-6
+"""rad/s at both ends of a segment, rad between segments"""
+
+
+class Stretch(Protocol):
+    """A segment: cubic Hermite pieces between knots, as `plan.Segment`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def times(self) -> Array: ...
+    @property
+    def positions(self) -> Array: ...
+    @property
+    def velocities(self) -> Array: ...
+
+
+class Motion(Protocol):
+    """What can be verified, as `plan.Plan`: segments that follow each other."""
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+    @property
+    def start(self) -> Array: ...
+    @property
+    def segments(self) -> Sequence[Stretch]: ...
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A figure that is out of bounds, where it is worst."""
+
+    segment: str
+    time: float
+    """s from the segment's beginning"""
+    measure: Measure
+
+    def __str__(self) -> str:
+        return f"{self.segment}, {self.time:.3g} s: {self.measure}"
+
+    def error(self) -> Infeasible:
+        """As planners fail."""
+        m = self.measure
+        words = f"({m.what}) is {m.value:.3g} {m.unit} at {self.time:.3g} s"
+        return Infeasible(m.constraint, m.by, m.unit, self.segment, words)
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """A segment seen at many times: (k,) s, (k, m) rad, rad/s, rad/s²."""
+
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+
+def verify(
+    plan: Motion, world: World, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
+    margins: Margins | None = None, touching: Mapping[str, Names] | None = None, torque: Array | None = None,
+    between: float = 20.0,
+) -> tuple[Violation, ...]:  # fmt: skip
+    """All that a plan misses, each figure once, at the time when it is worst; by segments, the worst of each kind first.
+
+    :param limits: of the plan's joints, (m,) each
+    :param at: (nq,) of the world's mechanism, where joints that the plan does not move stand
+    :param constraints: in their windows, s from the plan's beginning
+    :param margins: of clearance; None: the defaults
+    :param touching: segment → pairs of names (wildcards) that may touch in it, besides those that the world allows
+    :param torque: (m,) N·m that the plan's joints have against gravity and inertia; None: not looked at
+    :param between: what constraints may be missed by between knots, as a multiple of 0.1 mm, 1 mrad
+    :raises ValueError: joints that the mechanism does not have, arrays of wrong shapes
+    """
+    return tuple(Verifier(world, margins=margins).violations(
+        plan, limits, at, constraints=constraints, touching=touching or {}, torque=torque, between=between
+    ))  # fmt: skip
+
+
+class Verifier:
+    """Verifies plans in one world; keeps its memory. Not for several threads at once."""
+
+    def __init__(self, world: World, *, margins: Margins | None = None):
+        self._world, self._mechanism = world, world.mechanism
+        self._model = world.mechanism.model
+        self._data, self._scratch = self._model.createData(), world.geometry.createData()
+        self._floors = (margins or Margins()).floors(world)
+        for request, floor in zip(self._scratch.collisionRequests, self._floors.tolist(), strict=True):
+            request.security_margin = floor - NEAR
+        self._broad = pin.BroadPhaseManager_SSaPCollisionManager(self._model, world.geometry, self._scratch)
+
+    def violations(
+        self, plan: Motion, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
+        touching: Mapping[str, Names] | None = None, torque: Array | None = None, between: float = 20.0,
+    ) -> list[Violation]:  # fmt: skip
+        """As `verify`."""
+        at = self._mechanism.check_configuration("at", at)
+        rows = [self._mechanism.row(joint) for joint in plan.joints]
+        found = list(self._joined(plan))
+        if found:
+            return found
+        begin = 0.0
+        for segment in plan.segments:
+            looks = _looks(segment)
+            found += _worst(segment.name, self._of_joints(plan.joints, rows, looks, limits))
+            q = np.repeat(at[None], len(looks.times), axis=0)
+            q[:, self._mechanism.coordinate[rows]] = looks.positions
+            floors = self._floors.copy()
+            if names := (touching or {}).get(segment.name):
+                floors[self._world.touching(*names)] = -np.inf
+            found += _worst(segment.name, self._of_bodies(looks.times, q, floors))
+            if torque is not None:
+                found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, q, torque))
+            if constraints:
+                found += _worst(segment.name, self._of_constraints(constraints, begin, looks.times, q, between))
+            begin += float(segment.times[-1])
+        return found
+
+    def _joined(self, plan: Motion) -> Iterator[Violation]:
+        """What is wrong with the arrays themselves: nothing else can be said then."""
+        before, width = np.asarray(plan.start, dtype=float), len(plan.joints)
+        for segment in plan.segments:
+            shape = (len(segment.times), width)
+            if segment.positions.shape != shape or segment.velocities.shape != shape or shape[0] < 2:
+                raise ValueError(
+                    f"{segment.name}: got positions {segment.positions.shape}, velocities {segment.velocities.shape}; "
+                    f"expected {shape}, two rows or more"
+                )
+            arrays = {"times": segment.times, "positions": segment.positions, "velocities": segment.velocities}
+            for name, values in arrays.items():
+                if not np.isfinite(values).all():
+                    yield Violation(segment.name, 0.0, Measure("finite numbers", name, np.nan, -np.inf, np.inf, ""))
+                    return
+            steps = np.diff(segment.times)
+            if segment.times[0] != 0.0 or not (steps > 0.0).all():
+                yield Violation(
+                    segment.name, 0.0, Measure("times increase from 0", "step", float(steps.min()), 0.0, np.inf, "s")
+                )
+                return
+            gap = np.abs(segment.positions[0] - before)
+            if (worst := float(gap.max())) > _GAP:
+                what = plan.joints[int(gap.argmax())]
+                yield Violation(segment.name, 0.0, Measure("begins where it is", what, worst, 0.0, 0.0, "rad"))
+            for row, when in ((0, 0.0), (-1, float(segment.times[-1]))):
+                rate = np.abs(segment.velocities[row])
+                if (worst := float(rate.max())) > _REST:
+                    what = plan.joints[int(rate.argmax())]
+                    yield Violation(segment.name, when, Measure("rest at both ends", what, worst, 0.0, 0.0, "rad/s"))
+            before = segment.positions[-1]
+
+    def _of_joints(
+        self, joints: tuple[str, ...], rows: list[int], looks: _Looks, limits: Limits
+    ) -> Iterator[tuple[float, Measure, float]]:
+        """(s, figure, by how much it may be out) of positions, velocities and accelerations."""
+        for column, (joint, row) in enumerate(zip(joints, rows, strict=True)):
+            unit = self._mechanism.unit_of(row)
+            low, high = float(self._mechanism.lower[row]), float(self._mechanism.upper[row])
+            for look in (int(looks.positions[:, column].argmin()), int(looks.positions[:, column].argmax())):
+                value = float(looks.positions[look, column])
+                yield float(looks.times[look]), Measure("joint limits", joint, value, low, high, unit), 1e-6
+            for name, values, bound, rate in (
+                ("velocity limits", looks.velocities, limits.velocity, "/s"),
+                ("acceleration limits", looks.accelerations, limits.acceleration, "/s²"),
+            ):
+                look, most = int(np.abs(values[:, column]).argmax()), float(bound[column])
+                measure = Measure(name, joint, float(values[look, column]), -most, most, unit + rate)
+                yield float(looks.times[look]), measure, _SHARE * most
+
+    def _of_bodies(self, times: Array, q: Array, floors: Array) -> Iterator[tuple[float, Measure, float]]:
+        world, scratch = self._world, self._scratch
+        for pair, floor in enumerate(floors.tolist()):
+            if floor == -np.inf:
+                scratch.deactivateCollisionPair(pair)
+            else:
+                scratch.activateCollisionPair(pair)
+        for time, configuration in zip(times.tolist(), q, strict=True):
+            if not pin.computeCollisions(self._model, self._data, self._broad, configuration, True):
+                continue
+            pin.computeDistances(world.geometry, scratch)
+            for pair, (found, floor) in enumerate(zip(scratch.distanceResults, floors.tolist(), strict=True)):
+                if found.min_distance < floor - NEAR:
+                    distance = float(found.min_distance)
+                    yield time, Measure("clearance", world.between(pair), distance, floor, np.inf, "m"), NEAR
+
+    def _of_torques(
+        self, joints: tuple[str, ...], rows: list[int], looks: _Looks, q: Array, torque: Array
+    ) -> Iterator[tuple[float, Measure, float]]:
+        v, a = np.zeros(self._model.nv), np.zeros(self._model.nv)
+        needed = np.empty_like(looks.positions)
+        for k, configuration in enumerate(q):
+            v[rows], a[rows] = looks.velocities[k], looks.accelerations[k]
+            needed[k] = pin.rnea(self._model, self._data, configuration, v, a)[rows]
+        for column, joint in enumerate(joints):
+            look, most = int(np.abs(needed[:, column]).argmax()), float(torque[column])
+            measure = Measure("torque limits", joint, float(needed[look, column]), -most, most, "N·m")
+            yield float(looks.times[look]), measure, _SHARE * most
+
+    def _of_constraints(
+        self, constraints: Sequence[Constraint], begin: float, times: Array, q: Array, between: float
+    ) -> Iterator[tuple[float, Measure, float]]:
+        checker = Checker(self._mechanism)
+        for time, configuration in zip(times.tolist(), q, strict=True):
+            now = [c for c in constraints if c.window[0] - 1e-9 <= begin + time <= c.window[1] + 1e-9]
+            if now:
+                for measure in checker.measures(now, configuration):
+                    yield time, measure, between * (ANGLE if measure.unit == "rad" else LENGTH)
+
+
+def _looks(segment: Stretch) -> _Looks:
+    h = np.diff(segment.times)[:, None, None]
+    p, v = segment.positions, segment.velocities
+    p0, p1, v0, v1 = (rows[:, None, :] for rows in (p[:-1], p[1:], v[:-1], v[1:]))
+    slope = (p1 - p0) / h
+    square, cube = (3.0 * slope - 2.0 * v0 - v1) / h, (v0 + v1 - 2.0 * slope) / h**2
+    t = np.linspace(0.0, 1.0, DENSITY + 1)[None, :, None] * h
+    width = p.shape[1]
+    return _Looks(
+        (segment.times[:-1, None] + t[:, :, 0]).reshape(-1),
+        (p0 + t * (v0 + t * (square + t * cube))).reshape(-1, width),
+        (v0 + t * (2.0 * square + 3.0 * t * cube)).reshape(-1, width),
+        (2.0 * square + 6.0 * t * cube).reshape(-1, width),
+    )
+
+
+def _worst(segment: str, measured: Iterator[tuple[float, Measure, float]]) -> list[Violation]:
+    """Of each figure that is out by more than it may the worst, the worst first."""
+    kept: dict[tuple[str, str], Violation] = {}
+    for time, measure, allowed in measured:
+        key = (measure.constraint, measure.what)
+        if not measure.by <= allowed and (key not in kept or measure.by > kept[key].measure.by):
+            kept[key] = Violation(segment, time, measure)
+    return sorted(kept.values(), key=lambda one: -one.measure.by)

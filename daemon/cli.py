@@ -28,6 +28,7 @@ from handrail.messages import (
     LoopTiming,
     SafetyReport,
     SafetyRule,
+    SetSpeed,
     Tared,
     TareSensor,
     TimeDistribution,
@@ -100,6 +101,20 @@ def base(
         print(*_based(told), sep="\n")
     if told.source == "none":
         sys.exit(1)
+
+
+@daemon.command()
+def speed(
+    percent: Annotated[float | None, typer.Argument(min=10.0, max=100.0, help="Of the speed as planned.")] = None,
+    action: Annotated[str, typer.Option(help="One action's id; left out: every motion, until it is set anew.")] = "",
+    runtime: Annotated[Path | None, RUNTIME] = None,
+) -> None:
+    """Set how fast motions run, in mid-motion too, within the joints' limits (docs/timing.md); without a number, print it."""
+    if percent is not None:
+        ask("daemon speed", SetSpeed(share=percent / 100.0, id=action), runtime)
+    if not action:
+        told: DaemonStatus = ask("daemon speed", GetStatus(), runtime)
+        print(f"motions run at {told.speed * 100:.4g} % of the planned speed")
 
 
 @hardware.command()

@@ -104,6 +104,8 @@ class Orders:
                 return actions.pause(command.action)
             case Kind.RESUME:
                 return actions.resume(command.action)
+            case Kind.SET_SPEED:
+                return actions.set_speed(command.action, command.value)
             case Kind.DEVICE:
                 if life.stopped:
                     return Refusal(Answer.STOP_LATCHED)

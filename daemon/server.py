@@ -146,6 +146,7 @@ class Server:
             m.CancelAction: lambda call: self._steer(Kind.CANCEL, call.id),
             m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
             m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
+            m.SetSpeed: self._set_speed,
             m.StreamPose: self._stream,
             m.StreamJoints: self._stream_joints,
             m.CommandGripper: self._command_gripper,
@@ -191,6 +192,7 @@ class Server:
             if self._generation:
                 self._lose_loop("the daemon's loop was started anew")
                 self._latch_stop_again()
+                self._slow_down_again()
             self._desk.begin_anew()
             self._generation = self._ring.generation
         for message in self._reporter.follow(snapshots):
@@ -212,6 +214,11 @@ class Server:
         """An operator stop that was latched when the loop died is latched in the new one too."""
         if (reason := self._reporter.latched()) is not None:
             leave(self._runtime.stop, f"STOP {reason}".rstrip())
+
+    def _slow_down_again(self) -> None:
+        """A loop that is started anew runs motions no faster than the one before was told to."""
+        if self._reporter.snapshot is not None and 0.0 < (share := float(self._reporter.snapshot["speed"])) < 1.0:
+            self._post_unasked(Kind.SET_SPEED, value=share)
 
     def _watch(self, now: float) -> None:
         if not self._loop_bell.ring() and self._reporter.alive:
@@ -462,16 +469,19 @@ class Server:
         assert answer is not None
         return m.Tared(sensor=call.sensor, offset=answer[2])
 
-    def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0) -> None:
+    def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0, value: float = 0.0) -> None:
         """Give the loop a command whose answer nobody waits for."""
         try:
-            self._mailbox.post(exchange.encode_command(kind, self._count(), owner=owner, action=action))
+            self._mailbox.post(exchange.encode_command(kind, self._count(), owner=owner, action=action, value=value))
         except MailboxFull as error:
             print(f"{kind.name.lower()} was not delivered: {error}", file=sys.stderr, flush=True)
         self._loop_bell.ring()
 
     def _steer(self, kind: Kind, action: str) -> None:
         self._ask(kind, action=self._running(action))
+
+    def _set_speed(self, call: m.SetSpeed) -> None:
+        self._ask(Kind.SET_SPEED, action=self._running(call.id) if call.id else 0, value=call.share)
 
     def _running(self, action: str) -> int:
         """Serial of a running action. Raises RefusedError."""

@@ -37,6 +37,7 @@ def warm_up(kinematics: Kinematics) -> None:
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)
         motion.activate(robot, command)
         motion.update(robot, command)
+        motion.clock.hold()
     gains = Gains(command.stiffness, command.damping)
     stream = JointStream(StreamMotion(path.joints, 1.0, 1.0, 1.0), gains, limits.period)
     stream.activate(robot, command)

@@ -61,6 +61,7 @@ from handrail.messages import (
     Run,
     RunState,
     SetParameters,
+    SetSpeed,
     Stop,
     StopRun,
     SwitchRelay,
@@ -164,6 +165,13 @@ class Client:
     def clear_stop(self) -> None:
         """Unlatch the operator stop. Nothing moves: `enable` follows deliberately."""
         self.call(ClearStop())
+
+    def set_speed(self, share: float, action: str = "") -> None:
+        """Run every motion from now on, or one action, at `share` (0.1 to 1) of the planned speed: in mid-motion, too.
+
+        `status().speed` says what it is; ActionEvents say at which speed an action runs.
+        """
+        self.call(SetSpeed(share=share, id=action))
 
     def command_gripper(self, gripper: str, position: float, velocity: float = 0.0, effort: float = 0.0) -> None:
         """Send a gripper to `position` (rad or m, of its driven joint), no faster and no harder than given; 0: its limit.

@@ -212,6 +212,8 @@ class DaemonStatus(Message):
     stop_reason: str = ""
     action: str = ""
     """id of the running action"""
+    speed: float = 1.0
+    """share of the planned speed that every motion runs at (SetSpeed)"""
     holds: list[str] = []
     """who holds simulated time"""
     leases: list[LeaseState] = []
@@ -350,6 +352,8 @@ class ActionEvent(Message):
     """rad, commanded in that cycle"""
     path_force: float = 0.0
     """N, the path-force integrator's last value"""
+    speed: float = 1.0
+    """share of the planned speed that it runs at, or comes to: its own times the robot's (SetSpeed)"""
 
 
 # --------------------------------------------------------------------------------------------------- daemon: calls to it
@@ -796,7 +800,7 @@ class PathForce(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
 
 class TimeEnd(msgspec.Struct, tag="time", kw_only=True, forbid_unknown_fields=True):
-    """Ends `after` s of the action's own running time."""
+    """Ends `after` s of the action's own running time: pauses do not count, and at half the speed half of it does."""
 
     after: Positive
 
@@ -1200,6 +1204,20 @@ class ResumeAction(Message):
     id: Name
 
 
+@_travels(priority=1, remote=True)
+class SetSpeed(Message):
+    """Run a motion, or all of them, at a share of the planned speed, from now on: in mid-motion, too, within the joints' limits.
+
+    The path stays the same; what runs along it runs slower, the action's own time with it (TimeEnd, StallEnd, dither). Of a
+    JointStream whoever streams says how fast it is. Refused when no such action runs.
+    """
+
+    share: Annotated[float, Meta(ge=0.1, le=1.0)]
+    """of the speed as planned; an action runs at its own share times the robot's"""
+    id: Annotated[str, Meta(max_length=128)] = ""
+    """the action; empty: every one that there is and will be, until it is set anew"""
+
+
 GetRobot.Reply = RobotInfo
 GetStatus.Reply = DaemonStatus
 GetTiming.Reply = LoopTiming
@@ -1241,6 +1259,7 @@ DaemonCall = (
     | CancelAction
     | PauseAction
     | ResumeAction
+    | SetSpeed
     | StreamPose
     | StreamJoints
     | CommandGripper

@@ -6,6 +6,7 @@ before the controllers run: a guard that trips in a cycle takes the joints to `h
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from daemon.actions.behaviours import Chain, frame_of
 from daemon.actions.end_conditions import Place, first_met, force_frames
 from daemon.controllers.base import Controller, MotionController
 from daemon.controllers.manager import ActivationError, ClaimError, ControllerManager
+from daemon.controllers.references import SLOWEST, PathClock
 from daemon.controllers.registry import for_motion
 from daemon.exchange import (
     SLOTS,
@@ -58,7 +60,9 @@ class Action:
     ending: Outcome = Outcome.NONE
     """set by a cancellation: what the outcome will be once the path stands"""
     running: float = 0.0
-    """s that it has run, pauses not counted"""
+    """s that it has run as planned: pauses do not count, and at half the speed half of it does"""
+    speed: float = 1.0
+    """of its own, share of what is planned; the robot's comes on top"""
     places: dict[int, Place] = field(default_factory=dict)
     """what its end conditions remember"""
     chain: Chain | None = None
@@ -96,6 +100,8 @@ class ActionTable:
         self._manager, self._robot, self._grippers = manager, robot, grippers
         self.slots: list[Action | None] = [None] * SLOTS
         self.cycle = 0
+        self.speed = 1.0
+        """of all actions, share of what is planned"""
         self._running: tuple[Action, ...] = ()
         self._force_frames: tuple[str, ...] = ()
         self._tips = [(arm.tip, frozenset(arm.joints)) for arm in robot.kinematics.description.arms.values()]
@@ -129,6 +135,7 @@ class ActionTable:
         if refusal := _starts_elsewhere(motion, last) or self._gripper_refuses(first):
             return refusal
         controller = for_motion(motion, self._manager.gains, self._robot.period)
+        controller.clock.begin(self.speed, held=False)
         slot = self._free_slot()
         if slot is None:
             return Refusal(Answer.TOO_MANY)
@@ -157,17 +164,33 @@ class ActionTable:
 
     def pause(self, serial: int) -> Refusal | None:
         """Slow down to a stand on the path."""
-        return self._steer(serial, 0.0)
+        return self._steer(serial, PathClock.hold)
 
     def resume(self, serial: int) -> Refusal | None:
         """Go on along the path."""
-        return self._steer(serial, 1.0)
+        return self._steer(serial, PathClock.go)
+
+    def set_speed(self, serial: int, share: float) -> Refusal | None:
+        """From now on one action, or of serial 0 all that there are and will be, at this share of the planned speed."""
+        if not SLOWEST <= share <= 1.0:
+            return Refusal(Answer.MALFORMED)
+        if serial:
+            action = next((action for action in self.running() if action.serial == serial), None)
+            if action is None:
+                return Refusal(Answer.NO_SUCH_ACTION)
+            action.speed = share
+            action.controller.clock.run_at(share * self.speed)
+            return None
+        self.speed = share
+        for action in self.running():
+            action.controller.clock.run_at(action.speed * share)
+        return None
 
     def cancel(self, serial: int, outcome: Outcome = Outcome.CANCELLED) -> Refusal | None:
         """Slow down to a stand on the path, then end with `outcome`."""
         for action in self.running():
             if action.serial == serial:
-                action.controller.clock.slow_to(0.0)
+                action.controller.clock.hold()
                 action.ending = outcome
                 return None
         return Refusal(Answer.NO_SUCH_ACTION)
@@ -203,7 +226,7 @@ class ActionTable:
         ended = []
         for action in self.running():
             if action.state is ActionState.RUNNING:
-                action.running += self._robot.period
+                action.running += self._robot.period * action.controller.clock.rate
             if self._has_to_end(action, last):
                 if not self._goes_on(action, last):
                     self._end(action, last)
@@ -283,8 +306,8 @@ class ActionTable:
             action.detail = "its gripper does not answer"
         if refusal is None:
             controller = for_motion(step.motion, self._manager.gains, self._robot.period)
-            if action.controller.clock.held:  # whoever paused it has paused what follows, too
-                controller.clock.stand()
+            # Whoever paused it has paused what follows, too.
+            controller.clock.begin(action.speed * self.speed, action.controller.clock.held)
             try:
                 self._manager.switch([action.controller], [controller], last)
             except (ClaimError, ActivationError) as error:
@@ -321,10 +344,10 @@ class ActionTable:
         self._running = tuple(action for action in self.slots if action is not None and action.alive)
         self._force_frames = tuple(dict.fromkeys(frame for action in self._running for frame in action.frames))
 
-    def _steer(self, serial: int, rate: float) -> Refusal | None:
+    def _steer(self, serial: int, how: Callable[[PathClock], None]) -> Refusal | None:
         for action in self.running():
             if action.serial == serial and action.ending is Outcome.NONE:
-                action.controller.clock.slow_to(rate)
+                how(action.controller.clock)
                 return None
         return Refusal(Answer.NO_SUCH_ACTION)
 

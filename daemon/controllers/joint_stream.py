@@ -30,6 +30,12 @@ class StreamClock(PathClock):
     def standing(self) -> bool:
         return self.silent or super().standing
 
+    def run_at(self, speed: float) -> None:
+        """How fast it is, is whoever streams' business."""
+
+    def begin(self, speed: float, held: bool) -> None:
+        super().begin(1.0, held)
+
 
 class JointStream(MotionController):
     """Joint impedance about the newest sample, which goes on at its velocity for at most `bridge` s after it came.

@@ -60,6 +60,9 @@ class JointTrajectory(MotionController):
     def activate(self, robot: RobotState, last: JointCommand) -> None:
         self._path.evaluate(0.0, self._position, self._velocity)
         self._lead = last.position[self.joints] - self._position
+        description, rows = robot.kinematics.description, self.joints
+        limits = np.array((description.acceleration_limit[rows], description.jerk_limit[rows]))
+        self.clock.room = lambda: self._path.room(limits)
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
         self.clock.advance()

@@ -1,10 +1,14 @@
 """References that controllers follow: paths over a path parameter s in seconds, and the clock that moves s along.
 
-At rate 1 a path runs as it was planned. Pausing, resuming and cancelling change the rate, jerk-limited, so the robot slows down
-along its path instead of leaving it (ruckig, velocity interface, one degree of freedom).
+At rate 1 a path runs as it was planned. Pausing, resuming, cancelling and the operator's speed change the rate, jerk-limited, so
+the robot slows down along its path instead of leaving it (ruckig, velocity interface, one degree of freedom). Of a path q(s) with
+derivatives by s of q', q″ and q‴ the joints do q̈ = q″ ṡ² + q' s̈ and q⃛ = q‴ ṡ³ + 3 q″ ṡ s̈ + q' s⃛: how fast the rate may change
+is what the path leaves of their limits.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +23,10 @@ _MAX_RATE_CHANGE = 5.0
 """1/s"""
 _MAX_RATE_JERK = 60.0
 """1/s²"""
+_LEAST_ROOM = 0.25
+"""of the limits that a change of rate may use where the path uses them up itself: it must come to a stand all the same"""
+SLOWEST = 0.1
+"""share of the planned speed that an operator may ask for, at least"""
 
 
 class PathClock:
@@ -28,6 +36,10 @@ class PathClock:
         """`length`: s at the path's end; `period`: of the loop, s."""
         self.length, self._period = length, period
         self.s, self.rate = 0.0, 1.0
+        self.speed = 1.0
+        """the rate that it has, or comes to, where nobody holds it"""
+        self.room: Callable[[], tuple[float, float]] | None = None
+        """the rate's acceleration 1/s and jerk 1/s² that the rest of the path leaves room for"""
         self._target = 1.0
         self._ruckig = Ruckig(1, period)
         self._input, self._output = InputParameter(1), OutputParameter(1)
@@ -36,23 +48,41 @@ class PathClock:
         self._input.current_acceleration = [0.0]
         self._steady = True
 
-    def slow_to(self, rate: float) -> None:
-        """Bring the rate to 0 (stand) or 1 (as planned) from now on."""
-        if rate != self._target:
-            if self._steady:
-                self._input.current_velocity, self._input.current_acceleration = [self.rate], [0.0]
-            self._target, self._steady = rate, False
-            self._input.target_velocity = [rate]
+    def hold(self) -> None:
+        """Slow down to a stand."""
+        self._bring_to(0.0)
+
+    def go(self) -> None:
+        """Go on, at `speed`."""
+        self._bring_to(self.speed)
+
+    def run_at(self, speed: float) -> None:
+        """Bring the rate to `speed` in (0, 1]; where somebody holds it, as soon as it goes on."""
+        self.speed = speed
+        if not self.held:
+            self._bring_to(speed)
+
+    def begin(self, speed: float, held: bool) -> None:
+        """Have this rate from the start on, where the path is at rest; `held`: stand, until it is told to go on."""
+        self.speed = speed
+        self.rate = self._target = 0.0 if held else speed
 
     @property
     def held(self) -> bool:
         """It stands, or is on its way to."""
         return self._target == 0.0
 
-    def stand(self) -> None:
-        """Stand from the start, until it is told to go on."""
-        self.rate = self._target = 0.0
-        self._steady = True
+    def _bring_to(self, rate: float) -> None:
+        if rate == self._target:
+            return
+        if self._steady:
+            self._input.current_velocity, self._input.current_acceleration = [self.rate], [0.0]
+        if self.room is not None:
+            change, jerk = self.room()
+            self._input.max_acceleration = [min(change, _MAX_RATE_CHANGE)]
+            self._input.max_jerk = [min(jerk, _MAX_RATE_JERK)]
+        self._target, self._steady = rate, False
+        self._input.target_velocity = [rate]
 
     def advance(self) -> None:
         """Move on by one cycle."""
@@ -93,6 +123,14 @@ class HermitePath:
         """Write position (m,) rad and its derivative by s (m,) rad/s; s only grows from call to call, beyond the end it stays."""
         self._at = _hermite(s, self._at, self._knots, position, velocity)
 
+    def room(self, limits: Array) -> tuple[float, float]:
+        """The rate's acceleration 1/s and jerk 1/s² for which the pieces from here on leave room.
+
+        `limits` (2, m): rad/s² and rad/s³ that the joints may do.
+        """
+        change = _room(self._at, self._knots, limits, np.inf)
+        return change, _room(self._at, self._knots, limits, min(change, _MAX_RATE_CHANGE))
+
 
 @compiled
 def _hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
@@ -113,6 +151,27 @@ def _hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
         )
         velocity[j] = (6 * uu - 6 * u) / h * (p0 - p1) + (3 * uu - 4 * u + 1) * v0 + (3 * uu - 2 * u) * v1
     return at
+
+
+@compiled
+def _room(at, knots, limits, change):  # type: ignore[no-untyped-def]
+    """The rate's largest acceleration, or where one of `change` is given, its largest jerk beside that."""
+    m = (knots.shape[1] - 1) // 2
+    most = np.inf
+    for k in range(at, knots.shape[0] - 1):
+        h = knots[k + 1, 0] - knots[k, 0]
+        for j in range(m):
+            v0, v1 = knots[k, 1 + m + j], knots[k + 1, 1 + m + j]
+            slope = (knots[k + 1, 1 + j] - knots[k, 1 + j]) / h
+            fast = max(abs(v0), abs(v1), abs(1.5 * slope - 0.25 * (v0 + v1))) + 1e-12
+            hard = max(abs(6.0 * slope - 4.0 * v0 - 2.0 * v1), abs(2.0 * v0 + 4.0 * v1 - 6.0 * slope)) / h
+            if change == np.inf:
+                left = max(limits[0, j] - hard, _LEAST_ROOM * limits[0, j])
+            else:
+                rough = 6.0 * abs(v0 + v1 - 2.0 * slope) / (h * h)
+                left = max(limits[1, j] - rough - 3.0 * hard * change, _LEAST_ROOM * limits[1, j])
+            most = min(most, left / fast)
+    return most
 
 
 class LinePath:

@@ -133,6 +133,8 @@ class Kind(enum.IntEnum):
     """the force-torque sensor `device` forgets its offset; asked again and again until the answer is another than TARING"""
     STREAM_JOINTS = 24
     """`action` takes a sample of joint references (payload: positions, velocities), of which `value` is the number"""
+    SET_SPEED = 25
+    """`action`, 0: every one, runs at the share `value` of its planned speed from now on"""
 
 
 @enum.unique
@@ -276,9 +278,9 @@ COMMAND = np.dtype(
         ("serial", "u8"),
         ("kind", "u4"),
         ("owner", "u4"),  # number that the server gives each owner, never 0
-        ("action", "u8"),  # CANCEL, PAUSE, RESUME, STREAM, STREAM_JOINTS: of the START; START, PREPARE: of a PREPARE;
+        ("action", "u8"),  # CANCEL, PAUSE, RESUME, SET_SPEED, STREAM…: of the START; START, PREPARE: of a PREPARE;
         # CONFIGURE, SWITCH, UNLOAD: roster meant
-        ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s; STREAM_JOINTS: sequence
+        ("value", "f8"),  # HOLD_TIME: limit s; START: hold_after_s; STREAM_JOINTS: sequence; SET_SPEED: share
         ("expires_ns", "i8"),
         ("motion", "u4"),
         ("joint_count", "u4"),
@@ -331,6 +333,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("steps_taken", "u4"),  # 0: no behaviour
             ("path_force", "f8"),  # N
             ("progress", "f8"),  # s along the path
+            ("speed", "f8"),  # share of what is planned that it runs at, or comes to
             ("position", "f8", n),  # rad, measured in the cycle of the last change of state
             ("command", "f8", n),  # rad, what was written in that cycle
         ],
@@ -380,6 +383,7 @@ def snapshot_dtype(description: RobotDescription) -> np.dtype:
             ("claims", "u1", (len(COMMAND_ROWS), n)),  # who commands it: index into CONTROLLERS, or LOADED_CODE + slot
             ("controller_states", "u1", MAX_LOADED),
             ("controller_changes", CONTROLLER_CHANGE, MAX_LOADED),  # how each came to its state
+            ("speed", "f8"),  # share of what is planned that every action runs at
             ("roster", "i8"),  # which list of loaded controllers (daemon.controllers.roster) these states are about
             ("external_force", "f8", 3),
             ("stop_reason", "S256"),  # UTF-8

@@ -123,7 +123,13 @@ def action_event(
         if waiting := bytes(slot["detail"]).decode(errors="replace"):
             how = f"{how} {waiting}".strip()
         return ActionEvent(
-            id=action_id, state=word, time_ns=int(slot["time_ns"]), cycle=int(slot["cycle"]), step=name, detail=how
+            id=action_id,
+            state=word,
+            time_ns=int(slot["time_ns"]),
+            cycle=int(slot["cycle"]),
+            step=name,
+            detail=how,
+            speed=float(slot["speed"]),
         )
     text, detail = _how_it_ended(slot, steps[step][1] if steps else ends, joints, problems)
     return ActionEvent(
@@ -137,6 +143,7 @@ def action_event(
         position=slot["position"].tolist(),
         command=slot["command"].tolist(),
         path_force=float(slot["path_force"]),
+        speed=float(slot["speed"]),
     )
 
 

@@ -45,7 +45,7 @@ class SnapshotWriter:
         self._hardware, self._robot, self._manager = hardware, robot, manager
         self._life, self._actions, self._controllers, self._orders = life, actions, controllers, orders
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
-        self._written: list[tuple[int, ActionState, int] | None] = [None] * len(self._slots)
+        self._written: list[tuple[int, ActionState, int, float] | None] = [None] * len(self._slots)
         self._news: tuple[object, ...] = ()
         self._record["safety"] = life.ledger.rows
         self._identities = -1
@@ -147,7 +147,7 @@ class SnapshotWriter:
         record["holds"][:] = holding + [0] * (MAX_HOLDS - len(holding))
         record["claims"] = self._manager.claims
         record["controller_states"], record["controller_changes"] = self._controllers.look()
-        record["roster"] = self._controllers.roster
+        record["roster"], record["speed"] = self._controllers.roster, self._actions.speed
         record["stop_reason"] = _truncated(self._life.stop_reason, record.dtype["stop_reason"].itemsize)
 
     def _write_actions(self, written: JointCommand, time_ns: int) -> bool:
@@ -156,11 +156,12 @@ class SnapshotWriter:
             if action is None:
                 continue
             chain = action.chain
-            mark = (action.serial, action.state, chain.taken if chain else 0)
+            clock = action.controller.clock
+            mark = (action.serial, action.state, chain.taken if chain else 0, clock.speed)
             news = mark != self._written[number]
             if news or action.alive:
                 self._path_force[number] = action.controller.path_force
-                self._progress[number] = action.controller.clock.s
+                self._progress[number] = clock.s
             if news:
                 self._written[number] = mark
                 row = self._slots[number]
@@ -207,6 +208,7 @@ def _fill(row: object, action: Action, time_ns: int) -> None:
         "step": action.chain.at if action.chain else 0,
         "before": action.chain.before if action.chain else -1,
         "steps_taken": action.chain.taken if action.chain else 0,
+        "speed": action.controller.clock.speed,
         "detail": _truncated(action.detail, 160),
     }
     for name, value in values.items():

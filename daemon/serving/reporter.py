@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,7 +36,7 @@ STATE_PERIOD_NS = 10_000_000
 """of RobotState, in the robot's time"""
 DEVICE_PERIOD_NS = 40_000_000
 """of DeviceStates, likewise"""
-_MARK = ("serial", "state", "steps_taken")
+_MARK = ("serial", "state", "steps_taken", "speed")
 """of an action's slot: there is news when one of these changes"""
 _LOAD_WINDOW_NS = 1_000_000_000
 _TICKS_A_DEVICE_STATE = DEVICE_PERIOD_NS // STATE_PERIOD_NS
@@ -60,7 +60,7 @@ class Reporter:
         """the newest, shape (); None while no loop has published one"""
         self.alive = False
         """whether a loop is running"""
-        self._slot_states: dict[int, tuple[int, ...]] = {}
+        self._slot_states: dict[int, tuple[Any, ...]] = {}
         self._times: deque[np.ndarray] = deque()
         self._timed = 0
         self._loads: deque[tuple[int, np.ndarray]] = deque(maxlen=1024)
@@ -69,7 +69,7 @@ class Reporter:
         self._of_actions = _bytes_of(record, *(("actions", field) for field in _MARK))
         self._of_status = _bytes_of(
             record,
-            *(("flags",), ("stop_reason",), ("claims",), ("error",), ("holds",)),
+            *(("flags",), ("stop_reason",), ("claims",), ("error",), ("holds",), ("speed",)),
             *(("actions", "serial"), ("actions", "state")),
         )
         self._marks = np.zeros(len(self._of_actions), np.uint8)
@@ -213,6 +213,7 @@ class Reporter:
             buses=self._bus_statistics(newest, bus_states),
             devices=device_statuses(newest, self._description),
             isolated=isolated_limbs(newest, self._description),
+            speed=float(newest["speed"]),
             holds=[owner_name(int(owner)) for owner in newest["holds"][:MAX_HOLDS] if owner],
             processes=processes,
         )

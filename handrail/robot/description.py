@@ -175,6 +175,8 @@ class _Control(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     stop_after_misses: Annotated[int, msgspec.Meta(ge=0)] = 0
     damping_ratio: Positive
     torque_rate: Positive
+    acceleration: Positive = 6.0
+    jerk: Positive = 100.0
     stiffness: dict[str, Positive]
     quick_stop_damping: dict[str, Positive]
     integral: _Integral | None = None
@@ -306,6 +308,10 @@ class RobotDescription:
     """N·m (n,)"""
     torque_rate_limit: np.ndarray
     """N·m/s (n,)"""
+    acceleration_limit: np.ndarray
+    """rad/s² (n,), for references on their way: plans, and what an operator changes in mid-motion"""
+    jerk_limit: np.ndarray
+    """rad/s³ (n,), likewise"""
     stiffness: np.ndarray
     """N·m/rad (n,), joint impedance in the drives"""
     damping_ratio: float
@@ -459,6 +465,8 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         velocity_limit=velocity,
         torque_limit=torque,
         torque_rate_limit=torque * file.control.torque_rate,
+        acceleration_limit=velocity * file.control.acceleration,
+        jerk_limit=velocity * file.control.jerk,
         stiffness=_per_joint(document, "control.stiffness", file.control.stiffness, joints),
         damping_ratio=file.control.damping_ratio,
         quick_stop_damping=_per_joint(document, "control.quick_stop_damping", file.control.quick_stop_damping, joints),

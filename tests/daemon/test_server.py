@@ -391,6 +391,22 @@ def test_cancel_pause_and_resume_name_the_action_by_its_id(rig: Rig) -> None:
     assert rig.refusal(m.CancelAction(id="a1")).field == "id"
 
 
+def test_a_speed_is_for_all_motions_or_for_one_and_a_new_loop_is_told_it_again(rig: Rig) -> None:
+    loop = rig.start_loop()
+    rig.call(m.SetSpeed(share=0.4))
+    assert (told := loop.wait_for(Kind.SET_SPEED)).action == 0 and told.value == 0.4
+    rig.call(rig.action("a1"))
+    rig.call(m.SetSpeed(id="a1", share=0.5))
+    assert [command.value for command in loop.commands if command.action == loop.wait_for(Kind.START).serial] == [0.5]
+    assert rig.refusal(m.SetSpeed(id="a2", share=0.5)).field == "id"
+    loop.cycle(speed=0.4)
+    rig.until(m.DaemonStatus, lambda status: status.speed == 0.4)
+    loop.die()
+    rig.loop = FakeLoop(rig.description, rig.runtime)
+    rig.loop.cycle()
+    assert rig.loop.wait_for(Kind.SET_SPEED).value == 0.4
+
+
 def test_an_id_that_runs_already_is_refused(rig: Rig) -> None:
     loop = rig.start_loop()
     rig.call(rig.action("a1"))

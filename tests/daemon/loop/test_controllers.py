@@ -45,9 +45,9 @@ def test_the_path_clock_slows_and_speeds_up_within_its_limits() -> None:
     clock, rates = PathClock(100.0, 0.002), []
     for cycle in range(1500):
         if cycle == 100:
-            clock.slow_to(0.0)
+            clock.hold()
         if cycle == 700:
-            clock.slow_to(1.0)
+            clock.go()
         clock.advance()
         rates.append(clock.rate)
     rates_array = np.array(rates)
@@ -61,12 +61,12 @@ def test_the_path_clock_slows_and_speeds_up_within_its_limits() -> None:
 
 def test_the_path_clock_takes_a_change_of_mind_while_it_slows_down() -> None:
     clock = PathClock(100.0, 0.002)
-    clock.slow_to(0.0)
+    clock.hold()
     for _ in range(40):
         clock.advance()
     before = clock.rate
     assert 0.0 < before < 1.0
-    clock.slow_to(1.0)
+    clock.go()
     clock.advance()
     assert abs(clock.rate - before) < 0.02
     for _ in range(400):

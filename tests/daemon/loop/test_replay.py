@@ -60,7 +60,7 @@ def same(replay: Replay, recorded: list[Cycle]) -> None:
 
 
 def test_an_eventful_loop_is_replayed_bit_for_bit(taped: Any, replay: Replay) -> None:
-    """A trajectory that is paused, a behaviour, a guarded contact, a limb lost and taken back, stops, refusals, its end."""
+    """A trajectory paused and slowed down, a behaviour, a guarded contact, a limb lost and taken back, stops, refusals, its end."""
     taped.enable()
     right = list(taped.description.arms["right"].joints)
     action = taped.post_start(taped.move(JOINT, 0.3, 0.3))
@@ -68,7 +68,11 @@ def test_an_eventful_loop_is_replayed_bit_for_bit(taped: Any, replay: Replay) ->
     taped.ask(Kind.PAUSE, action=action)
     taped.run(20)
     assert taped.start(taped.move(JOINT, 0.1)) is Answer.CLAIMED
+    taped.ask(Kind.SET_SPEED, value=0.4)
     taped.ask(Kind.RESUME, action=action)
+    taped.run(60)
+    taped.ask(Kind.SET_SPEED, action=action, value=0.9)
+    taped.ask(Kind.SET_SPEED, value=1.0)
     taped.run(120)
     still = CompliantMotion(frame="tool_right_tip", joints=right, duration=0.1)
     guard = ContactEnd(frame="tool_right_tip", threshold=15.0)

@@ -124,7 +124,7 @@ def test_a_stream_stands_while_its_clock_stands(model_of) -> None:
     body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
     clock = PathClock(float("inf"), PERIOD)
     stream = StreamedPose(body["hand"], PERIOD, clock=clock)
-    clock.slow_to(0.0)
+    clock.hold()
     while not clock.standing:
         clock.advance()
     start = body["hand"].reference[0].copy()

@@ -22,9 +22,9 @@ import zmq
 from affordance_templates.server import AffordanceServer
 from engines import deployment, library
 from engines.activities.base import ActivityFailed, Planner, Services
-from engines.activities.plan import make_plan
 from engines.daemon_client import DaemonClient
 from engines.deployment import Deployed
+from engines.plan_making import make_motion, make_plan
 from engines.plans import PlanStore
 from engines.prompts import Prompts
 from engines.run import Job, PlanExecution, ProgramRun
@@ -75,6 +75,7 @@ class Engine:
             m.GetInstances: lambda call: m.Instances(instances=[each.state() for each in affordances.instances()]),
             m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
+            m.PlanMotion: self._plan_motion,
             m.ExecutePlan: self._execute_plan,
             m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
             m.Deploy: self._deploy,
@@ -163,7 +164,7 @@ class Engine:
             preview = plans.details(record)
             rows, position = self._services.description.index(record.plan.joints), record.origin.world.command.copy()
             tool = []
-            for segment in preview.segments:
+            for segment in preview.segments if record.plan.arm else ():
                 for knot in segment.positions:
                     position[rows] = knot
                     tool.append(np.round(self._services.tip(position, record.plan.arm), 4).tolist())
@@ -174,11 +175,20 @@ class Engine:
     def _make_plan(self, call: m.MakePlan) -> Future[m.PlanPreview]:
         def plan() -> m.PlanPreview:
             try:
-                return make_plan(self._services, call.instance, call.trajectory, call.arm)[1]
+                return make_plan(self._services, call.instance, call.trajectory, call.arm, after=call.after)[1]
             except ActivityFailed as failed:
                 raise refuse(str(failed)) from failed
 
         self._services.affordances.get(call.instance)
+        return _in_thread(plan, "plan")
+
+    def _plan_motion(self, call: m.PlanMotion) -> Future[m.PlanPreview]:
+        def plan() -> m.PlanPreview:
+            try:
+                return make_motion(self._services, call)[1]
+            except ActivityFailed as failed:
+                raise refuse(str(failed)) from failed
+
         return _in_thread(plan, "plan")
 
     def _execute_plan(self, call: m.ExecutePlan) -> None:
@@ -258,12 +268,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(problem, file=sys.stderr)
         return 2
 
-    from engines.planning.manipulation import ManipulationPlanner
-    from handrail.robot.kinematics import Kinematics
+    from engines.planning.planners import Planners
 
-    engine = Engine(
-        runtime, description, ManipulationPlanner(description, Kinematics(description)), tip_poses(description)
-    )
+    engine = Engine(runtime, description, Planners(description), tip_poses(description))
     # A signal that comes just before the poll begins would be handled only after it: its arrival must end the poll, too.
     signal.set_wakeup_fd(engine.wake_fd, warn_on_full_buffer=False)
     for name in (signal.SIGTERM, signal.SIGINT):

@@ -12,7 +12,7 @@ import msgspec
 
 from affordance_templates.instance import Instance
 from affordance_templates.template import ResolvedTrajectory
-from engines.freshness import Cause, Origin, World, causes
+from engines.freshness import Array, Cause, Origin, World, causes
 from handrail.messages import ActionEvent, PlanPreview
 from handrail.topics import refuse
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from engines.planning.plan import Plan
 
 _KEPT = 12
+_ELSEWHERE = frozenset({"start_left", "others_moved"})
+"""causes that the execution of the plan before it will take away"""
 
 
 @dataclass
@@ -27,9 +29,12 @@ class PlanRecord:
     """A plan, the instance (as it was) and trajectory that it realises, what it was made from, and how far it was executed."""
 
     plan: Plan
-    instance: Instance
-    trajectory: ResolvedTrajectory
     origin: Origin
+    instance: Instance | None = None
+    trajectory: ResolvedTrajectory | None = None
+    """None: a motion to goals"""
+    after: str = ""
+    """id of the plan from whose end it was planned; empty: from where the robot was"""
     reached: int = -1
     """index of the segment that was started last, -1: none"""
     ended: ActionEvent | None = None
@@ -89,7 +94,20 @@ class PlanStore:
         if start and record.finished:
             return [Cause("executed", "it was executed already; plan anew")]
         now = {instance.name: instance for instance in self._instances()}
-        return causes(record.plan, record.origin, now, self._world(), start=start)
+        found = causes(record.plan, record.origin, now, self._world(), start=start)
+        before = self._records.get(record.after)
+        if before is None or before.finished or not any(cause.code in _ELSEWHERE for cause in found):
+            return found
+        words = f"it begins where {record.after} ({before.plan.label}) ends, which was not executed"
+        return [Cause("not_yet", words), *(cause for cause in found if cause.code not in _ELSEWHERE)]
+
+    def end(self, id: str) -> Array:
+        """(n,) rad, where all joints are when a plan has been executed. Refused when there is no such plan."""
+        record = self.get(id)
+        joints = {joint: row for row, joint in enumerate(record.origin.joints)}
+        position = record.origin.world.command.copy()
+        position[[joints[joint] for joint in record.plan.joints]] = record.plan.segments[-1].positions[-1]
+        return position
 
     def stale(self, record: PlanRecord, *, start: bool = True) -> str:
         """The same in words; empty when the plan can be executed."""
@@ -114,7 +132,11 @@ class PlanStore:
         """All that are kept, oldest first; without a ghost those that nobody can execute any more."""
         with self._lock:
             records = list(self._records.values())
-        return [self.preview(record, ghost=not self.causes(record, start=not record.executing)) for record in records]
+        return [self.preview(record, ghost=self._of_use(record)) for record in records]
+
+    def _of_use(self, record: PlanRecord) -> bool:
+        """Whether it can be executed, now or when the plan before it was."""
+        return all(cause.code == "not_yet" for cause in self.causes(record, start=not record.executing))
 
     def instance_changed(self, name: str) -> None:
         """Tell of plans made from an instance that have become stale by it, or fresh again."""

@@ -10,12 +10,13 @@ import keyword
 from collections.abc import Iterable, Set
 from typing import Any
 
+import msgspec
 from statemachine.event import _event_data_kwargs
 from statemachine.exceptions import InvalidDefinition
 from statemachine.statemachine import StateChart
 
 from engines.activities import ACTIVITIES
-from engines.activities.base import Argument, Kind
+from engines.activities.base import SHAPES, Argument, Kind, goals_in
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_expressions import ProgramEvaluator
 from engines.text import fields
@@ -171,6 +172,9 @@ def _check_activity(program: Program, state: State) -> None:
             _check_argument(program, f"{state.path}.with.{name}", argument, given[name])
         elif argument.required:
             raise error(f"{state.path}.with.{name}", f"missing; {state.file.do} needs it ({argument.kind.value})")
+    name, problem = ACTIVITIES[state.file.do].problem(given)
+    if problem:
+        raise error(f"{state.path}.with.{name}", problem)
 
 
 def _check_argument(program: Program, path: str, argument: Argument, value: Any) -> None:
@@ -193,6 +197,18 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
             raise error(path, f"got {value!r}; expected a list of names")
         case Kind.CHOICE if value not in argument.choices:
             raise error(path, f"got {value!r}; expected one of {', '.join(argument.choices)}")
+        case Kind.GOALS | Kind.KEY_FRAMES:
+            try:
+                read = msgspec.convert(value, SHAPES[argument.kind])
+            except msgspec.ValidationError as problem:
+                raise error(path, f"{problem}; expected {argument.kind.value}") from problem
+            if not read:
+                raise error(path, f"got none; expected {argument.kind.value}")
+            instances = [name for name, resource in program.resources.items() if resource.kind == "instance"]
+            for goal in goals_in(read):
+                if (instance := getattr(goal, "instance", "")) and instance not in instances:
+                    there = f"one of: {', '.join(instances)}" if instances else "a declaration of it under `resources`"
+                    raise error(path, f"got {instance!r}, no resource of kind instance; expected {there}")
         case Kind.TEXT:
             if not isinstance(value, str):
                 raise error(path, f"got {value!r}; expected a text")

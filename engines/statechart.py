@@ -13,17 +13,19 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 from statemachine.invoke import InvokeContext
 from statemachine.io.interpreter import Interpreter
 from statemachine.io.model import InvokeDefinition
 from statemachine.io.native import native_dict_to_definition
 from statemachine.io.yaml.reader import YAMLReader
 
-from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.base import SHAPES, Activity, ActivityFailed, Argument, Kind, goals_in
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_check import STOPPED
 from engines.program_expressions import ProgramEvaluator
 from engines.text import fill
+from handrail.messages import FrameGoal, GazeGoal
 from handrail.topics import Unreachable
 
 _INVOKE_TYPE = "handrail"
@@ -154,6 +156,12 @@ class Chart(Interpreter):
                 return argument.default if value is None else float(value)
             case Kind.VALUE:
                 return self._value(given)
+            case Kind.GOALS | Kind.KEY_FRAMES:
+                read = msgspec.convert(given, SHAPES[argument.kind])
+                for goal in goals_in(read):
+                    if isinstance(goal, FrameGoal | GazeGoal) and goal.instance:
+                        goal.instance = getattr(self.data, goal.instance)
+                return read
         return given
 
     def _value(self, expression: Any) -> Any:

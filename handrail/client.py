@@ -46,6 +46,7 @@ from handrail.messages import (
     GetPlan,
     GetRobot,
     GetStatus,
+    Goal,
     InstanceState,
     Library,
     ListLibrary,
@@ -53,6 +54,7 @@ from handrail.messages import (
     MoveInstance,
     PauseRun,
     PlaceInstance,
+    PlanMotion,
     PlanPreview,
     Pose,
     RemoveInstance,
@@ -214,10 +216,18 @@ class Client:
         return self.call(GetInstances()).instances
 
     def plan(
-        self, instance: str, trajectory: str, arm: str = "right", *, timeout_s: float | None = None
+        self, instance: str, trajectory: str, arm: str = "right", *, after: str = "", timeout_s: float | None = None
     ) -> PlanPreview:
-        """Plan a template's trajectory from where the robot is now. Refused, with the reason, when infeasible."""
-        return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm), timeout_s)
+        """Plan a template's trajectory from where the robot is now, or from where a plan ends. Refused, with the reason, when
+        infeasible.
+        """
+        return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm, after=after), timeout_s)
+
+    def plan_motion(
+        self, goals: Sequence[Goal], arm: str = "", *, timeout_s: float | None = None, **more: Any
+    ) -> PlanPreview:
+        """Plan a motion to goals; `more` are PlanMotion's other fields. Refused, with the reason, when infeasible."""
+        return self.call(PlanMotion(goals=list(goals), arm=arm, **more), timeout_s)
 
     def get_plan(self, plan: str, *, details: bool = False) -> PlanPreview:
         """A plan by its id, and whether it is still fresh; `details`: also what it was made from and keeps along its way."""

@@ -1390,7 +1390,7 @@ class PlanOrigin(msgspec.Struct, kw_only=True):
     time_ns: int
     """robot's clock when it was begun"""
     asked: dict[str, float | str]
-    """what was asked for: instance, trajectory, arm, arc and entry_shift rad"""
+    """what was asked for: instance, trajectory, arm, arc and entry_shift rad; of a motion goals, in words, arm, clearance m"""
     run: str = ""
     """id of the run that made it; empty: a client asked"""
     instances: list[InstanceState] = []
@@ -1402,6 +1402,7 @@ class PlanOrigin(msgspec.Struct, kw_only=True):
 
 StaleCause = Literal[
     "executed",
+    "not_yet",
     "instance_removed",
     "instance_moved",
     "instance_parameters",
@@ -1463,6 +1464,104 @@ class MakePlan(Message):
     instance: Name
     trajectory: Name
     arm: Name = "right"
+    after: str = ""
+    """id of a plan: from where it ends; empty: from where the robot is commanded now"""
+
+
+# A goal of a motion: what must hold where it ends (or at a key frame, or along all of it). Lengths m, angles rad. It is said in the
+# world, in a frame of the robot (`in_frame`), or in an instance's frame (`instance`) or that of a feature of it (`feature`): a
+# joint's name (x along its axis; the frame goes with the joint), or TRAJECTORY.WAYPOINT (z against the tool's pointing direction,
+# as a tool's tip has it).
+
+
+class JointsGoal(msgspec.Struct, tag="joints", kw_only=True, forbid_unknown_fields=True):
+    """Joints are at positions."""
+
+    positions: dict[Name, float]
+    """joint → rad"""
+    tolerance: NonNegative = 0.0
+
+
+class PostureGoal(msgspec.Struct, tag="posture", kw_only=True, forbid_unknown_fields=True):
+    """All joints that may move are where one of the robot's postures has them."""
+
+    name: Name
+
+
+class RelationGoal(msgspec.Struct, tag="relation", kw_only=True, forbid_unknown_fields=True):
+    """lower ≤ Σ coefficient · position ≤ upper: left as right is {left: 1, right: -1}, 0 to 0."""
+
+    coefficients: dict[Name, float]
+    lower: float = 0.0
+    upper: float = 0.0
+
+
+class FrameGoal(msgspec.Struct, tag="frame", kw_only=True, forbid_unknown_fields=True):
+    """A frame of the robot is at a pose, within tolerances."""
+
+    frame: str = ""
+    """empty: the arm's tool tip"""
+    pose: Pose
+    in_frame: str = ""
+    instance: str = ""
+    feature: str = ""
+    below: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    """m along the pose's x, y, z, that the frame may be below it; inf: as far as it likes"""
+    above: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    angle: NonNegative = 0.0
+    """that it may be turned by; π: any orientation"""
+    about: Literal["", "x", "y", "z"] = ""
+    """turning about this axis of the frame is free; `angle` is the cone that the axis stays in"""
+
+
+class GazeGoal(msgspec.Struct, tag="gaze", kw_only=True, forbid_unknown_fields=True):
+    """A point is within the cone about an axis of a frame: a camera sees it."""
+
+    frame: Name
+    target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    in_frame: str = ""
+    instance: str = ""
+    feature: str = ""
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """in `frame`"""
+    cone: Positive
+    """half-angle"""
+
+
+Goal = JointsGoal | PostureGoal | RelationGoal | FrameGoal | GazeGoal
+
+
+class KeyFrame(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """What must hold at one time on the way."""
+
+    goals: Annotated[list[Goal], Meta(min_length=1, max_length=32)]
+
+
+@_travels(priority=1, remote=True)
+class PlanMotion(Message):
+    """Plan a motion to goals that keeps clear of all instances and of the robot itself. Answered when the plan is there or found
+    infeasible; which constraint is missed, and by how much, is told.
+    """
+
+    goals: Annotated[list[Goal], Meta(min_length=1, max_length=32)]
+    """all of them, where the motion ends"""
+    arm: str = ""
+    """whose joints move, and whose tip is meant by a frame that is not named; empty: the robot's only one, or `joints` say it"""
+    joints: list[Name] = []
+    """joints and groups that may move, in place of the arm's; the others stay where they are"""
+    through: Annotated[list[KeyFrame], Meta(max_length=16)] = []
+    """on the way, in this order"""
+    keep: Annotated[list[Goal], Meta(max_length=32)] = []
+    """along the whole way"""
+    after: str = ""
+    """id of a plan: from where it ends; empty: from where the robot is commanded now"""
+    clearance: NonNegative = 0.01
+    """m, from every instance and of the robot from itself"""
+    ignore: list[Name] = []
+    """instances that need not be kept clear of"""
+    duration: NonNegative = 0.0
+    """s, at least"""
+    label: str = ""
 
 
 @_travels(priority=1, remote=True)
@@ -1618,6 +1717,7 @@ SetParameters.Reply = InstanceState
 GetInstances.Reply = Instances
 GetPlan.Reply = PlanPreview
 MakePlan.Reply = PlanPreview
+PlanMotion.Reply = PlanPreview
 ListLibrary.Reply = Library
 Deploy.Reply = Deployment
 Run.Reply = RunState
@@ -1631,6 +1731,7 @@ EngineCall = (
     | GetInstances
     | GetPlan
     | MakePlan
+    | PlanMotion
     | ExecutePlan
     | ListLibrary
     | Deploy

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -17,6 +17,7 @@ from engines.daemon_client import DaemonClient
 from engines.motion import Motion
 from engines.plans import PlanStore
 from engines.prompts import Prompts
+from handrail.messages import Goal, KeyFrame, PlanMotion
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
@@ -44,6 +45,10 @@ class Kind(Enum):
     """a number, or an expression that has one"""
     VALUE = "value"
     """an expression: a variable's value, say"""
+    GOALS = "goals"
+    """a list of goals (handrail.messages.Goal); an instance in them is the name of a resource"""
+    KEY_FRAMES = "key frames"
+    """a list of handrail.messages.KeyFrame"""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,16 @@ class Argument:
     unit: str = ""
 
 
+SHAPES: Mapping[Kind, Any] = {Kind.GOALS: list[Goal], Kind.KEY_FRAMES: list[KeyFrame]}
+"""of arguments that are written as the messages that they become"""
+
+
+def goals_in(given: Sequence[Goal | KeyFrame]) -> Iterator[Goal]:
+    """All goals, those of key frames among them."""
+    for each in given:
+        yield from each.goals if isinstance(each, KeyFrame) else (each,)
+
+
 class ActivityFailed(Exception):
     """An activity could not do what it was asked. The program gets `error.execution` with `reason` (one word) and `message`."""
 
@@ -66,7 +81,7 @@ class ActivityFailed(Exception):
 
 
 class Planner(Protocol):
-    """What the engine needs of `engines.planning.manipulation.ManipulationPlanner`."""
+    """What the engine needs of `engines.planning.planners.Planners`."""
 
     def plan(
         self,
@@ -77,6 +92,16 @@ class Planner(Protocol):
         *,
         arc: float | None = None,
         entry_shift: float = 0.0,
+        cancelled: Callable[[], bool] | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> Plan: ...
+
+    def motion(
+        self,
+        call: PlanMotion,
+        instances: Sequence[Instance],
+        position: np.ndarray,
+        *,
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...
@@ -126,6 +151,11 @@ class Activity(ABC):
         self.services = context.services
         self.values = values
         self.cancelled = threading.Event()
+
+    @classmethod
+    def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
+        """What is wrong with these arguments together, as the file gives them: which one, and why; empty when nothing is."""
+        return "", ""
 
     @abstractmethod
     def run(self) -> dict[str, Any]:

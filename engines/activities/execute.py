@@ -19,7 +19,9 @@ from handrail.topics import RefusedError
 
 
 def waypoint_of(record: PlanRecord, segment: str) -> ResolvedWaypoint | None:
-    """The waypoint that a segment leads to; None for the planner's own, such as `return`."""
+    """The waypoint that a segment leads to; None for the planner's own, such as `return`, and for motions to goals."""
+    if record.trajectory is None:
+        return None
     return next((waypoint for waypoint in record.trajectory.waypoints if waypoint.name == segment), None)
 
 
@@ -81,6 +83,8 @@ def execute(
 
 def note_push(services: Services, record: PlanRecord, segment: str, ended: ActionEvent) -> float:
     """After a segment along the entry's arc, note where the instance's joint must be now. Returns by how much it moved, rad."""
+    if record.instance is None or record.trajectory is None:
+        return 0.0
     waypoint, entry = waypoint_of(record, segment), record.trajectory.entry
     if waypoint is None or entry is None or waypoint.to != "arc_end" or waypoint.joint != entry.joint:
         return 0.0

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from affordance_templates.instance import Instance
 from affordance_templates.joint_estimate import angle_about
-from affordance_templates.template import Array, ResolvedWaypoint
+from affordance_templates.template import Array, ResolvedTrajectory, ResolvedWaypoint
 from engines import retrace
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import waypoint_of
@@ -38,19 +39,19 @@ class RetreatActivity(Activity):
             return {"moved": False}
         name = record.plan.segments[record.reached].name
         waypoint = waypoint_of(record, name)
-        if waypoint is None or waypoint.approach == "free":
+        if waypoint is None or waypoint.approach == "free" or record.instance is None or record.trajectory is None:
             return {"moved": False}
         if waypoint.approach == "straight":
-            return {"moved": self._along_segment(record, back=self._leads_in(record, waypoint))}
+            return {"moved": self._along_segment(record, back=self._leads_in(record.trajectory, waypoint))}
         if waypoint.to == "arc_end":
-            self._back_off(record, waypoint)
-        self._straight_out(record, waypoint)
+            self._back_off(record, record.instance, record.trajectory, waypoint)
+        self._straight_out(record, record.instance, record.trajectory, waypoint)
         return {"moved": True}
 
     @staticmethod
-    def _leads_in(record: PlanRecord, waypoint: ResolvedWaypoint) -> bool:
+    def _leads_in(trajectory: ResolvedTrajectory, waypoint: ResolvedWaypoint) -> bool:
         """Whether the tool moves along its pointing direction on the way to a waypoint."""
-        waypoints = record.trajectory.waypoints
+        waypoints = trajectory.waypoints
         index = waypoints.index(waypoint)
         return index == 0 or float((waypoint.position - waypoints[index - 1].position) @ waypoint.axis) > 0
 
@@ -69,30 +70,34 @@ class RetreatActivity(Activity):
         path = retrace.way(segment.times, segment.positions, segment.velocities, self._command()[rows], back=back)
         return self._follow(record, path, f"retreat from {segment.name}")
 
-    def _back_off(self, record: PlanRecord, waypoint: ResolvedWaypoint) -> None:
+    def _back_off(
+        self, record: PlanRecord, instance: Instance, trajectory: ResolvedTrajectory, waypoint: ResolvedWaypoint
+    ) -> None:
         """Go back along the turn by the angle of the release that follows it in the template."""
-        following = record.trajectory.waypoints[record.trajectory.waypoints.index(waypoint) + 1 :]
+        following = trajectory.waypoints[trajectory.waypoints.index(waypoint) + 1 :]
         release = next((abs(w.to) for w in following if w.approach == "along" and not isinstance(w.to, str)), 0.0)
         segment, rows, command = record.plan.segments[record.reached], self._rows(record), self._command()
         path = retrace.way(segment.times, segment.positions, segment.velocities, command[rows], back=True)
-        joint = record.instance.resolve().joints[waypoint.joint]
+        joint = instance.resolve().joints[waypoint.joint]
         angles: list[float] = []
         for row in path:
             position = command.copy()
             position[rows] = row
-            tip = record.instance.point_in_template(self.services.tip(position, record.plan.arm))
+            tip = instance.point_in_template(self.services.tip(position, record.plan.arm))
             angles.append(angle_about(joint, waypoint.position, tip, near=angles[-1] if angles else 0.0))
         beyond = np.abs(np.array(angles) - angles[0]) >= release
         last = int(beyond.argmax()) if beyond.any() else len(path) - 1
         self._follow(record, path[: last + 1], f"back off from {segment.name}")
 
-    def _straight_out(self, record: PlanRecord, waypoint: ResolvedWaypoint) -> None:
+    def _straight_out(
+        self, record: PlanRecord, instance: Instance, trajectory: ResolvedTrajectory, waypoint: ResolvedWaypoint
+    ) -> None:
         """Draw the tool back in a straight line, as far as the template's waypoints lie apart along its direction."""
-        depths = [float(w.position @ waypoint.axis) for w in record.trajectory.waypoints if w.approach != "free"]
+        depths = [float(w.position @ waypoint.axis) for w in trajectory.waypoints if w.approach != "free"]
         distance = float(waypoint.position @ waypoint.axis) - min(depths)
         arm = self.services.description.arms[record.plan.arm]
         position, orientation = self.services.tip_pose(self._command(), record.plan.arm)
-        out = position - distance * (record.instance.rotation @ waypoint.axis)
+        out = position - distance * (instance.rotation @ waypoint.axis)
         goal = Pose(position=tuple(out.tolist()), orientation=tuple(orientation.tolist()))
         self._run(
             CartesianImpedance(frame=arm.tip, joints=list(arm.joints), goal_in_world=goal, duration=_OUT_S),

@@ -267,6 +267,20 @@ class FakePlanner:
             outputs,
         )
 
+    def motion(self, call, instances, position, *, cancelled=None, progress=None) -> Plan:
+        """To where the first goal has the joints."""
+        self.asked.append({"call": call, "instances": [each.name for each in instances], "position": position.copy()})
+        if self.infeasible:
+            raise Infeasible("elbow limit", 0.12, "rad")
+        goal = call.goals[0]
+        there = goal.positions if isinstance(goal, m.JointsGoal) else {"angle": position[0] + 0.3}
+        end = np.array([there.get(joint, here) for joint, here in zip(JOINTS[:2], position[:2], strict=True)])
+        way = np.linspace(position[:2], end, 5)
+        segment = Segment("goals", np.linspace(0, 1, 5), way, np.zeros((5, 2)))
+        made_from = {each.name: each.version for each in instances}
+        id = f"plan-{len(self.asked)}"
+        return Plan(id, call.label or "to goals", call.arm, JOINTS[:2], (segment,), made_from, way[0], 0.05, 0.2)
+
 
 class Stack:
     """An engine in a thread of its own, with a caller and everything that it published."""

@@ -1,0 +1,436 @@
+"""Plans motions to goals: a posture, a reach, a look, any set of constraints; through key frames, with constraints kept on the way.
+
+The posture planner and the reach of the manipulation planner of Fallon et al. 2015 (An Architecture for Online Affordance-based
+Perception and Whole-body Planning, §4.2), and its key frames (§5.2.2). Where a motion has only an end, the IK engine finds postures
+for it, the nearest first, and the way there is the straight one in joint space if it is clear, else one that sampling finds. Where
+something holds on the way, the whole way is one optimisation over a spline's knots. What comes out is timed, and verified before
+it is returned.
+"""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from affordance_templates.instance import Instance
+from engines.planning import constraints
+from engines.planning.connect import Budget, Connector, Margins
+from engines.planning.goals import GoalReader, described
+from engines.planning.ik import constraints as kinds
+from engines.planning.ik.checker import LENGTH
+from engines.planning.ik.constraints import Constraint
+from engines.planning.ik.mechanism import Mechanism
+from engines.planning.ik.report import Answer
+from engines.planning.ik.solver import Solver
+from engines.planning.ik.trajectory import TrajectorySolver
+from engines.planning.measures import RESIDUAL, TILT, Measure
+from engines.planning.obstacles import obstacles_of
+from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
+from engines.planning.sweep import cubics
+from engines.planning.timing import Knots, Limits, parametrise
+from engines.planning.verification import Verified, Verifier
+from engines.planning.world import World
+from handrail.messages import PlanMotion
+from handrail.robot.description import RobotDescription
+from handrail.robot.kinematics import Kinematics
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_POSTURES = 4
+"""postures for a goal that are tried until one can be gone to"""
+_STARTS = 12
+"""configurations that the search for each begins from at most"""
+_BUDGET = Budget(seconds=10.0, edges=1500)
+"""of a way around what is there, for each posture"""
+_SPARE = 5e-4
+"""m of clearance that a posture at a goal has beyond what is asked for, so that the way to it may end there"""
+_TIP_SPEED = 0.25
+"""m/s, the tool tip's mean speed at most: people watch"""
+_KNOTS = 4
+"""of a spline, between two key frames"""
+_SAMPLES = 40
+"""of a spline's way, between two key frames"""
+_BETWEEN_S = 1.0
+"""s between key frames, for the weights of speed in the optimisation; timing is made anew afterwards"""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is asked for, as constraints."""
+
+    goals: Sequence[Constraint]
+    """hold where it ends"""
+    moving: tuple[str, ...]
+    """m joints of the robot, in its order"""
+    through: Sequence[Sequence[Constraint]] = ()
+    """hold one after the other on the way"""
+    keep: Sequence[Constraint] = ()
+    """hold all the way"""
+    obstacles: Sequence[Instance] = ()
+    clearance: float = 0.01
+    """m"""
+    duration: float = 0.0
+    """s, at least"""
+    label: str = "motion"
+    arm: str = ""
+    made_from: Mapping[str, int] = field(default_factory=dict)
+    """instance → version"""
+    seeds: Sequence[Array] = ()
+    """(n,) rad each: postures to look for the goal's from, before any other"""
+
+
+class MotionPlanner:
+    """Plans for one robot, with its base where it is. One plan at a time."""
+
+    def __init__(self, description: RobotDescription, kinematics: Kinematics, limits: Limits):
+        """`limits` (n,) of all joints that a plan keeps. Raises ValueError for a robot with joints that turn without end."""
+        self._description, self._limits = description, limits
+        self.mechanism = Mechanism.of(Kinematics(kinematics.description))
+        if endless := set(description.joints) - set(self.mechanism.joints):
+            raise ValueError(f"joint {min(endless)}: it turns without end; expected joints with positions")
+        rows = dict(zip(self.mechanism.joints, self.mechanism.q_rows.tolist(), strict=True))
+        self._rows: Integers = np.array([rows[joint] for joint in description.joints], np.int64)
+        self._solver = Solver(self.mechanism)
+        self._trajectories = TrajectorySolver(self._solver)
+        self._lock = threading.Lock()
+
+    # ----------------------------------------------------------------------------------------------------------- questions
+
+    def read(self, call: PlanMotion, instances: Sequence[Instance]) -> Motion:
+        """What a call asks for, in a world of instances. Raises ValueError naming field, value and what was expected."""
+        description = self._description
+        if call.arm and call.arm not in description.arms:
+            raise ValueError(f"arm: got {call.arm!r}; expected one of {', '.join(description.arms)}")
+        only = next(iter(description.arms)) if len(description.arms) == 1 else ""
+        arm = call.arm or only
+        if not arm and not call.joints:
+            raise ValueError(
+                f"arm: got none, and no joints; expected one of {', '.join(description.arms)}, or `joints`"
+            )
+        for name in call.ignore:
+            if name not in {each.name for each in instances}:
+                known = ", ".join(each.name for each in instances) or "none: there is nothing to ignore"
+                raise ValueError(f"ignore: got {name!r}; expected one of {known}")
+        for field_name, value in {"clearance": call.clearance, "duration": call.duration}.items():
+            if not np.isfinite(value):
+                raise ValueError(f"{field_name}: got {value}; expected a finite number")
+        moving = self._moving(call.joints) if call.joints else description.arms[arm].joints
+        tip = description.arms[arm].tip if arm else ""
+        reader = GoalReader(description, self.mechanism, {each.name: each for each in instances}, tip, moving)
+        used = {goal.instance for goal in (*call.goals, *call.keep) if hasattr(goal, "instance")}
+        used |= {goal.instance for frame in call.through for goal in frame.goals if hasattr(goal, "instance")}
+        obstacles = [each for each in instances if each.name not in call.ignore]
+        return Motion(
+            goals=reader.constraints(call.goals, "goals"),
+            moving=moving,
+            through=[reader.constraints(each.goals, f"through[{n}].goals") for n, each in enumerate(call.through)],
+            keep=reader.constraints(call.keep, "keep"),
+            obstacles=obstacles,
+            clearance=call.clearance,
+            duration=call.duration,
+            label=call.label or ", ".join(described(goal, tip) for goal in call.goals)[:120],
+            arm=arm,
+            made_from={each.name: each.version for each in instances if each in obstacles or each.name in used},
+        )
+
+    def _moving(self, names: Sequence[str]) -> tuple[str, ...]:
+        wanted: set[str] = set()
+        for name in names:
+            group = self._description.groups.get(name, (name,))
+            if unknown := [joint for joint in group if joint not in self._description.joints]:
+                known = ", ".join((*self._description.groups, *self._description.joints))
+                raise ValueError(f"joints: got {unknown[0]!r}; expected joints or groups: {known}")
+            wanted.update(group)
+        return tuple(joint for joint in self._description.joints if joint in wanted)
+
+    # -------------------------------------------------------------------------------------------------------------- answers
+
+    def plan(
+        self, motion: Motion, position: Array, *, cancelled: Callable[[], bool] | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> Plan:  # fmt: skip
+        """A verified plan from where all joints are commanded, `position` (n,) rad.
+
+        :param cancelled: asked often; Cancelled is raised soon after it says True
+        :param progress: told in a few words what is being done
+        :raises Infeasible: there is no plan, or none was found; names the constraint, by how much it is missed, and where
+        :raises Cancelled: as asked
+        :raises ValueError: a question that can't be meant
+        """
+        start = self._configuration("position", position)
+        with self._lock:
+            return _Search(self, motion, start, cancelled or _never, progress or _quiet).plan()
+
+    def _configuration(self, name: str, position: Array) -> Array:
+        """(nq,) for positions (n,) of the description's joints. Raises ValueError."""
+        position = np.asarray(position, dtype=float)
+        if position.shape != (len(self._rows),) or not np.isfinite(position).all():
+            raise ValueError(f"{name}: got shape {position.shape}, expected ({len(self._rows)},) of finite numbers")
+        q = self.mechanism.configuration(np.zeros(len(self.mechanism.joints)))
+        q[self._rows] = position
+        return q
+
+    def tip_of(self, arm: str) -> str:
+        """The frame of an arm's tool tip."""
+        return self._description.arms[arm].tip
+
+    def limits_of(self, joints: tuple[str, ...]) -> Limits:
+        """Those of a motion of these joints."""
+        rows = self._description.index(joints)
+        return Limits(self._limits.velocity[rows], self._limits.acceleration[rows])
+
+
+class _Search:
+    """One question's."""
+
+    def __init__(
+        self, planner: MotionPlanner, motion: Motion, start: Array, cancelled: Callable[[], bool],
+        progress: Callable[[str], None],
+    ):  # fmt: skip
+        self._planner, self._motion, self._start = planner, motion, start
+        self._cancelled, self._progress = cancelled, progress
+        mechanism = self._mechanism = planner.mechanism
+        self._rows: Integers = mechanism.coordinate[[mechanism.row(joint) for joint in motion.moving]]
+        self._lower, self._upper = (
+            limit[[mechanism.row(joint) for joint in motion.moving]] for limit in (mechanism.lower, mechanism.upper)
+        )
+        solids = [solid for instance in motion.obstacles for solid in obstacles_of(instance)]
+        allowed = planner._description.allowed_collision_pairs
+        self._world = World(mechanism, solids, allowed, moving=motion.moving)
+        self._connector = Connector(
+            self._world, margins=Margins(motion.clearance, motion.clearance), cancelled=cancelled
+        )
+        told = {joint for one in (*motion.goals, *chain.from_iterable(motion.through)) for joint in _told(one)}
+        free = tuple(joint for joint in motion.moving if joint not in told)
+        self._always: list[Constraint] = [
+            kinds.Clearance(scene=self._world, at_least=motion.clearance + _SPARE, name="clearance")
+        ]
+        if free:
+            margin = constraints.LIMIT_MARGIN.bound
+            self._always.append(kinds.JointLimits(margin=margin, joints=free, name="margin to the joint limits"))
+
+    def plan(self) -> Plan:
+        """See MotionPlanner.plan."""
+        self._leavable()
+        motion = self._motion
+        limits = self._planner.limits_of(motion.moving)
+        first: Infeasible | None = None
+        for name, paths in self._ways():
+            try:
+                segments, verified = self._timed(paths, limits, name)
+            except Infeasible as problem:
+                first = first or problem
+                continue
+            return Plan(
+                id=f"plan-{uuid.uuid4().hex[:12]}",
+                label=motion.label,
+                arm=motion.arm,
+                joints=motion.moving,
+                segments=segments,
+                made_from=motion.made_from,
+                start=self._start[self._rows],
+                clearance=min(one.clearance.worst().value for one in verified),
+                limit_margin=min(one.limit_margin.worst().value for one in verified),
+            )
+        raise first or Infeasible("way", 0.0, "rad", "goals", "was not found")
+
+    def _whole(self, postures: Array) -> Array:
+        """(k, nq) for postures (k, m) of what moves."""
+        q = np.repeat(self._start[None], len(postures), axis=0)
+        q[:, self._rows] = postures
+        return q
+
+    def _leavable(self) -> None:
+        """Raise Infeasible when the robot stands where no motion may begin."""
+        nearest = self._connector.sweep.nearest(self._start, within=self._motion.clearance)
+        if nearest.pair >= 0:
+            bound = f"({nearest.between}) is {nearest.distance:.3g} m, at least {self._motion.clearance:g} allowed"
+            raise Infeasible(
+                "clearance", self._motion.clearance - nearest.distance, "m", "where the robot stands", bound
+            )
+
+    def _ways(self) -> Iterator[tuple[str, list[Array]]]:
+        """Ways to try, (k, m) each between two stops."""
+        motion = self._motion
+        if motion.keep or motion.through:
+            try:
+                yield "spline", [self._spline()]
+            except Infeasible:
+                if motion.keep:  # nothing else keeps anything on the way
+                    raise
+        if not motion.keep:
+            yield from self._stop_by_stop()
+
+    # ------------------------------------------------------------------------------------------------ ways with stops only
+
+    def _stop_by_stop(self) -> Iterator[tuple[str, list[Array]]]:
+        here, ways = self._start, []
+        for number, goals in enumerate(self._motion.through):
+            here, way = next(self._to(here, goals, f"through[{number}]"))
+            ways.append(way)
+        for _, way in self._to(here, self._motion.goals, "goals"):
+            yield "goals", [*ways, way]
+
+    def _to(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[tuple[Array, Array]]:
+        """Postures at goals (nq,), each with the way there; at least one, or Infeasible is raised."""
+        blocked: Infeasible | None = None
+        found = False
+        for answer in self._postures(here, goals, where):
+            self._progress(f"way to {where}")
+            try:
+                way = self._connector.way(here, answer.q, budget=_BUDGET, progress=self._progress)
+            except Infeasible as problem:
+                blocked = blocked or problem
+                continue
+            found = True
+            yield answer.q, way[:, self._rows]
+        if not found and blocked is not None:
+            raise Infeasible(blocked.constraint, blocked.by, blocked.unit, f"way to {where}", blocked.detail)
+
+    def _postures(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[Answer]:
+        """Postures at goals, the one that is found nearest first. Raises Infeasible when there is none."""
+        self._progress(f"posture at {where}")
+        wanted = [*goals, *self._always]
+        known: list[Array] = []
+        moving = self._motion.moving
+        generator = np.random.default_rng(0)
+        seeds = [self._planner._configuration("seed", seed) for seed in self._motion.seeds]
+        for number in range(_POSTURES + len(seeds)):
+            self._check()
+            start = seeds[number] if number < len(seeds) else None
+            if number > len(seeds):
+                drawn = generator.uniform(np.maximum(self._lower, -np.pi), np.minimum(self._upper, np.pi))
+                start = here.copy()
+                start[self._rows] = drawn
+            if start is not None:
+                others = np.ones(len(start), bool)
+                others[self._rows] = False
+                start[others] = here[others]
+            starts = _STARTS if not known else 2
+            answer = self._planner._solver.solve(
+                wanted, here, start=here if start is None else start, moving=moving, starts=starts
+            )
+            if answer.feasible and all(np.abs(answer.q - one).max() > 0.05 for one in known):
+                known.append(answer.q)
+                yield answer
+            elif not answer.feasible and not known and number >= len(seeds):
+                answer.require(where)
+
+    # --------------------------------------------------------------------------------------- ways that keep something on them
+
+    def _spline(self) -> Array:
+        """(k, m), one smooth way through all key frames that keeps what is to be kept. Raises Infeasible, Cancelled."""
+        self._progress("way as a whole")
+        motion = self._motion
+        stops = len(motion.through) + 1
+        end = stops * _BETWEEN_S
+        held: list[Constraint] = [replace(one, window=(0.0, end)) for one in motion.keep]
+        for number, goals in enumerate((*motion.through, motion.goals), 1):
+            at = number * _BETWEEN_S
+            held += [replace(one, window=(at, at)) for one in goals]
+        times = np.linspace(0.0, end, _KNOTS * stops + 1)
+        found = self._planner._trajectories.solve(
+            [*held, *(replace(one, window=(0.0, end)) for one in self._always)], self._start, times.tolist(), moving=motion.moving,
+            most_knots=3 * len(times), cancelled=self._cancelled,
+        ).require("on the way")  # fmt: skip
+        way = found.at(np.linspace(0.0, end, _SAMPLES * stops + 1))[:, self._rows]
+        way[0] = self._start[self._rows]
+        return way
+
+    # ------------------------------------------------------------------------------------------------------ time and checks
+
+    def _timed(self, ways: list[Array], limits: Limits, name: str) -> tuple[tuple[Segment, ...], list[Verified]]:
+        """Segments through the ways, verified. Raises Infeasible."""
+        self._progress("time, and a check of all of it")
+        motion = self._motion
+        whole = name == "spline"
+        reached = [motion.goals] if whole else [*motion.through, motion.goals]
+        names = ["goals"] if whole else [*(f"through {n}" for n in range(1, len(ways))), "goals"]
+        lengths = np.array([max(float(np.abs(np.diff(way, axis=0)).sum(axis=0).max()), 1e-9) for way in ways])
+        verifier = Verifier(self._world, self._planner._solver.checker)
+        segments, verified = [], []
+        for way, share, goals, where in zip(ways, lengths / lengths.sum(), reached, names, strict=True):
+            self._check()
+            knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
+            self._certain(knots, where)
+            found = verifier.verify(
+                knots, self._whole, self._rows, limits, goals, motion.keep, motion.clearance, where=where,
+                cancelled=self._cancelled,
+            )  # fmt: skip
+            verified.append(found)
+            measures = (*found.measures, *self._met(goals, knots))
+            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
+        if whole:
+            self._passes(segments[0])
+        return tuple(segments), verified
+
+    def _certain(self, knots: Knots, where: str) -> None:
+        """Raise Infeasible unless the motion between the knots, a cubic through them, keeps clear all along."""
+        rates = np.zeros((len(knots.times), self._mechanism.nq))
+        rates[:, self._rows] = knots.velocities
+        motion = cubics(knots.times, self._whole(knots.positions), rates)
+        floors = np.full(len(self._world.pairs), self._motion.clearance - LENGTH)
+        meeting = self._connector.sweep.meeting(motion, floors, self._cancelled)
+        self._check()
+        if meeting is not None:
+            words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {self._motion.clearance:g} allowed"
+            raise Infeasible("clearance", max(self._motion.clearance - meeting.distance, 0.0), "m", where, words)
+
+    def _met(self, goals: Sequence[Constraint], knots: Knots) -> tuple[Measure, ...]:
+        """How well goals are met at the last knot: by how much the worst of them is missed, in m and in rad."""
+        missed = self._planner._solver.checker.measures(goals, self._whole(knots.positions[-1:])[0])
+        units = {RESIDUAL: "m", TILT: "rad"}
+        end = knots.times[-1:]
+        found = {name: [m.by for m in missed if m.unit == unit] for name, unit in units.items()}
+        return tuple(Measure(name, end, np.array([max(by)])) for name, by in found.items() if by)
+
+    def _watched(self, way: Array) -> float:
+        """s that a way takes at least, so that people can watch the tool."""
+        if not self._motion.arm:
+            return 0.0
+        model, places = self._mechanism.model, []
+        tip = self._mechanism.frame_id(self._planner.tip_of(self._motion.arm))
+        data = model.createData()
+        for q in self._whole(way[:: max(1, len(way) // 20)]):
+            pin.forwardKinematics(model, data, q)
+            places.append(pin.updateFramePlacement(model, data, tip).translation.copy())
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / _TIP_SPEED if len(places) > 1 else 0.0
+
+    def _passes(self, segment: Segment) -> None:
+        """Raise Infeasible unless a segment comes by every key frame, in their order."""
+        q = self._whole(segment.positions)
+        first = 0
+        for number, goals in enumerate(self._motion.through):
+            missed = [self._planner._solver.checker.measures(goals, one) for one in q[first:]]
+            sizes = [max((m.size for m in measures), default=0.0) for measures in missed]
+            best = int(np.argmin(sizes))
+            if sizes[best] > 0.01:
+                worst = max(missed[best], key=lambda m: m.size)
+                words = f"({worst.what}) is {worst.value:.3g} {worst.unit}"
+                raise Infeasible(worst.constraint, worst.by, worst.unit, f"through[{number}]", words)
+            first += best
+
+    def _check(self) -> None:
+        if self._cancelled():
+            raise Cancelled("planning was cancelled")
+
+
+def _told(constraint: Constraint) -> tuple[str, ...]:
+    """The joints that a constraint puts somewhere, be it at their limits."""
+    return tuple(constraint.coefficients) if isinstance(constraint, kinds.Posture) else ()
+
+
+def _never() -> bool:
+    return False
+
+
+def _quiet(_: str) -> None:
+    pass

@@ -1,0 +1,51 @@
+"""The planners of one robot, as the engine asks them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from affordance_templates.instance import Instance
+from engines.planning.manipulation import ManipulationPlanner
+from engines.planning.plan import Plan
+from handrail.messages import PlanMotion
+from handrail.robot.description import RobotDescription
+from handrail.robot.kinematics import Kinematics
+
+if TYPE_CHECKING:
+    from engines.planning.motion_planner import MotionPlanner
+
+Array = NDArray[np.float64]
+
+
+class Planners:
+    """Strokes at templates' instances, and motions to goals."""
+
+    def __init__(self, description: RobotDescription):
+        self._description = description
+        self._kinematics = Kinematics(description)
+        self._strokes = ManipulationPlanner(description, self._kinematics)
+        self.plan = self._strokes.plan
+        self._motions: MotionPlanner | None = None
+        self._making = threading.Lock()
+
+    @property
+    def motions(self) -> MotionPlanner:
+        """Made when it is asked for first: many programs never do, and it has a model and geometry of its own."""
+        from engines.planning.motion_planner import MotionPlanner
+
+        with self._making:
+            if self._motions is None:
+                self._motions = MotionPlanner(self._description, self._kinematics, self._strokes.limits)
+            return self._motions
+
+    def motion(
+        self, call: PlanMotion, instances: Sequence[Instance], position: Array, *,
+        cancelled: Callable[[], bool] | None = None, progress: Callable[[str], None] | None = None,
+    ) -> Plan:  # fmt: skip
+        """What a call asks for, from where all joints are, `position` (n,) rad. See MotionPlanner."""
+        return self.motions.plan(self.motions.read(call, instances), position, cancelled=cancelled, progress=progress)

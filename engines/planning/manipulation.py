@@ -16,6 +16,7 @@ from engines.planning.collision import CollisionScene, RobotBodies
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, times_of
 from engines.planning.obstacles import obstacles_of
 from engines.planning.path import Leg
+from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Plan, Segment
 from engines.planning.stroke import Stroke
 from engines.planning.timing import Limits, parametrise
@@ -29,8 +30,10 @@ Array = NDArray[np.float64]
 
 VELOCITY_SHARE = 0.7
 """of the velocity limits that a plan uses"""
-_TORQUE_SHARE = 0.15
-"""of the torque limits that acceleration may take, joint by joint at the home posture"""
+TORQUE_SHARE = 0.9
+"""of the torque limits that weight, friction and acceleration may take together"""
+RATE_SHARE = 0.5
+"""of the limits of acceleration and jerk: the rest is for changes of speed in mid-motion"""
 
 
 def _never() -> bool:
@@ -51,9 +54,9 @@ class ManipulationPlanner:
         self._bodies = RobotBodies(self._kinematics)
         self._solvers = {name: TipSolver(self._kinematics, arm) for name, arm in description.arms.items()}
         home = description.home_position(next(iter(description.home)))
-        inertia = np.diag(self._kinematics.mass_matrix(home))
         velocity = VELOCITY_SHARE * description.velocity_limit
-        self.limits = Limits(velocity, np.minimum(2.0 * velocity, _TORQUE_SHARE * description.torque_limit / inertia))
+        acceleration = np.minimum(2.0 * velocity, RATE_SHARE * description.acceleration_limit)
+        self.limits = Limits(velocity, acceleration, RATE_SHARE * description.jerk_limit)
         """of all joints, (n,)"""
         self._home = home
         self._lock = threading.Lock()
@@ -90,7 +93,7 @@ class ManipulationPlanner:
                 visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or _never, progress or _quiet
             )
             legs, outputs = stroke.legs(arc, entry_shift)
-            return self._timed(legs, instance, visit, side, assessor, outputs)
+            return self._timed(legs, instance, visit, side, assessor, outputs, position)
 
     def _arm(self, name: str) -> Arm:
         if name not in self._description.arms:
@@ -106,9 +109,12 @@ class ManipulationPlanner:
 
     def _timed(
         self, legs: list[Leg], instance: Instance, visit: Visit, arm: Arm, assessor: Assessor,
-        outputs: Mapping[str, float],
+        outputs: Mapping[str, float], position: Array,
     ) -> Plan:  # fmt: skip
-        limits = Limits(self.limits.velocity[assessor.rows], self.limits.acceleration[assessor.rows])
+        rows, all_joints = assessor.rows, self.limits
+        assert all_joints.jerk is not None
+        torque = PathTorque(self._kinematics, rows, position, TORQUE_SHARE)
+        limits = Limits(all_joints.velocity[rows], all_joints.acceleration[rows], all_joints.jerk[rows], torque)
         segments = []
         for leg in legs:
             knots = parametrise(leg.path, limits, leg.duration, where=leg.name)

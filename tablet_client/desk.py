@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
 
-from handrail.messages import AnswerPrompt, ClearStop, Enable, Message, PauseRun, ResumeRun, StopRun
+from handrail.messages import AnswerPrompt, ClearStop, Enable, GetPlan, Message, PauseRun, ResumeRun, StopRun
 from tablet_client.models.arrivals import Inbox
+from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_of
 from tablet_client.models.prompts import lets_go
-from tablet_client.models.quantities import in_unit, quantity
+from tablet_client.models.quantities import in_unit, label, quantity
 from tablet_client.models.situation import Situation
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
@@ -33,6 +35,10 @@ _COMMANDS: dict[str, Callable[[], Message]] = {
 _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do not
 _ROLES = ("clock", "level", "code", "details")
 _FIRST = Qt.ItemDataRole.UserRole.value
+
+
+def _shown(figure: Figure) -> dict[str, Any]:
+    return {"label": label(figure.code), **asdict(figure)}
 
 
 class JournalList(QAbstractListModel):
@@ -191,6 +197,8 @@ class Desk(QObject):
         for item in self.inbox.take():
             self.situation.take(item)
         plans = self.situation.plans
+        if self._session is not None and (plan := plans.want()):
+            self._session.send(GetPlan(id=plan))
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
@@ -272,12 +280,13 @@ class Desk(QObject):
         if prompt is None:
             return {"open": False, "options": [], "details": []}
         plan = plans.get(prompt.plan)
-        details = [quantity(name, value) for name, value in prompt.details.items()]
+        details = [{"label": name, "text": text} for name, text in (quantity(*pair) for pair in prompt.details.items())]
         if plan is not None:
-            names = {label for label, _ in details}
-            extra = [quantity("clearance_m", plan.clearance), quantity("limit_margin_rad", plan.limit_margin)]
-            extra.append(("Duration", in_unit("s", plan.duration)))
-            details += [pair for pair in extra if pair[0] not in names]
+            # What the plan itself tells is as true, and says where.
+            known = [_shown(figure) for figure in figures(plan) if figure.decides]
+            known.append({"label": "Duration", "text": in_unit("s", plan.duration)})
+            labels = {each["label"] for each in known}
+            details = known + [each for each in details if each["label"] not in labels]
         return {
             "open": True,
             "id": prompt.id,
@@ -287,7 +296,7 @@ class Desk(QObject):
                 {"option": option, "go": lets_go(option), "why": self.situation.why_not_answer(option)}
                 for option in prompt.options
             ],
-            "details": [{"label": label, "text": text} for label, text in details],
+            "details": details,
             "stale": plan is not None and not plan.fresh,
             "because": plan.stale_because if plan is not None else "",
             "waiting": prompts.waiting,
@@ -299,7 +308,9 @@ class Desk(QObject):
         plans = self.situation.plans
         plan, track = plans.shown, plans.track
         if plan is None or track is None:
-            return {"shown": False, "marks": [], "duration": 0.0, "segment": "", "playing": False}
+            return {"shown": False, "marks": [], "figures": [], "duration": 0.0, "segment": "", "playing": False}
+        found = figures(plan)
+        worst = next((figure for figure in found if figure.code == CLEARANCE.code), None)
         return {
             "shown": True,
             "label": plan.label,
@@ -308,5 +319,13 @@ class Desk(QObject):
             "duration": track.duration,
             "playing": plans.playing,
             "segment": track.segment(plans.time),
-            "marks": [{"name": name, "at": at} for name, at in track.marks],
+            "marks": [
+                {"name": name, "at": at, "end": end, "level": level_of(plan, name)}
+                for (name, at), end in zip(
+                    track.marks, [*(at for _, at in track.marks[1:]), track.duration], strict=True
+                )
+            ],
+            "figures": [_shown(figure) for figure in found],
+            "worstAt": worst.at if worst is not None else -1.0,
+            "worstLevel": worst.level if worst is not None else "good",
         }

@@ -48,12 +48,16 @@ def list_(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     if not plans:
         _out.print("no plan was made yet")
         return
-    table = Table("plan", "what", "arm", "s", "clearance", "limit margin", "torque", "")
+    table = Table("what", "arm", "s", "clearance", "limit margin", "torque", "", box=None)
+    table.add_column("plan", no_wrap=True)
     for plan in plans:
         figures = [_worst(plan, measure) for measure in ("clearance", "limit_margin", "torque_share")]
-        state = Text("fresh", "green") if plan.fresh else Text(f"stale: {plan.stale_because}", "red")
-        table.add_row(plan.id, plan.label, plan.arm, f"{plan.duration:.1f}", *figures, state)
+        state = Text("fresh", "green") if plan.fresh else Text("stale", "red")
+        table.add_row(plan.label, plan.arm, f"{plan.duration:.1f}", *figures, state, plan.id)
     _out.print(table)
+    for plan in plans:
+        if not plan.fresh:
+            _out.print(f"{plan.id}: {plan.stale_because}", style="red", highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command()

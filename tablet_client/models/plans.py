@@ -67,6 +67,7 @@ class Plans:
         self._plans: dict[str, PlanPreview] = {}
         self._tracks: dict[str, Track] = {}
         self._used: set[str] = set()
+        self._wanted: set[str] = set()
         self._shown = ""
         self._asked = ""
         self.time = 0.0
@@ -76,7 +77,7 @@ class Plans:
 
     def replace(self, plans: list[PlanPreview], *, waiting: set[str] | None = None) -> None:
         """What a snapshot says there is. `waiting`: when a program makes plans for itself, those not yet executed; None: all."""
-        self._plans, self._tracks, self._used = {}, {}, set()
+        self._plans, self._tracks, self._used, self._wanted = {}, {}, set(), set()
         for plan in plans:
             self.take(plan)
             if not plan.fresh or (waiting is not None and plan.id not in waiting):
@@ -126,11 +127,23 @@ class Plans:
         return self._tracks[self._shown]
 
     def why_not_execute(self, plan: str) -> str:
-        """Code of the reason why a plan may not be approved; empty when it may. `stale` comes with `stale_because`."""
+        """Code of the reason why a plan may not be approved; empty when it may.
+
+        `stale`, or `stale_` and the first cause's code, where the robot tells one: `stale_because` has all of them in words.
+        """
         known = self._plans.get(plan)
         if known is None:
             return "plan_missing"
-        return "" if known.fresh else "stale"
+        if known.fresh:
+            return ""
+        return f"stale_{known.stale_causes[0]}" if known.stale_causes else "stale"
+
+    def want(self) -> str:
+        """Id of the shown plan if its ghost has yet to be asked for, once; else empty."""
+        if self.shown is None or self.shown.segments or self._shown in self._wanted:
+            return ""
+        self._wanted.add(self._shown)
+        return self._shown
 
     def scrub(self, time: float) -> None:
         """Put the ghost somewhere and leave it there."""

@@ -33,6 +33,49 @@ Rectangle {
             font.pixelSize: Theme.small
             elide: Text.ElideRight
         }
+        // What the plan keeps at its worst. A tap puts the ghost there.
+        RowLayout {
+            Layout.fillWidth: true
+            Layout.topMargin: Math.round(3 * Theme.scale)
+            visible: bar.view.figures.length > 0
+            spacing: Theme.gap
+            Repeater {
+                model: bar.view.figures
+                Item {
+                    id: cell
+                    required property var modelData
+                    objectName: "figure_" + modelData.code
+                    Layout.fillWidth: true
+                    Layout.preferredWidth: modelData.code === "clearance" ? 3 : 2
+                    implicitHeight: words.implicitHeight
+                    Accessible.role: Accessible.StaticText
+                    Accessible.name: qsTr("%1 %2, %3").arg(Words.figure(modelData.code)).arg(modelData.text).arg(detail.text)
+                    TapHandler { onTapped: if (cell.modelData.at >= 0) desk.scrub(cell.modelData.at) }
+                    Column {
+                        id: words
+                        width: parent.width
+                        Row {
+                            spacing: Theme.tight
+                            Text {
+                                id: figure
+                                text: cell.modelData.text; color: Words.levelColor(cell.modelData.level)
+                                font.pixelSize: Theme.body; font.weight: Font.DemiBold
+                            }
+                            Text {
+                                anchors.baseline: figure.baseline
+                                text: Words.figure(cell.modelData.code); color: Theme.muted; font.pixelSize: Math.round(12 * Theme.scale)
+                            }
+                        }
+                        Text {
+                            id: detail
+                            width: parent.width
+                            text: Words.about(cell.modelData)
+                            color: Theme.faint; font.pixelSize: Math.round(11.5 * Theme.scale); elide: Text.ElideRight
+                        }
+                    }
+                }
+            }
+        }
         RowLayout {
             Layout.fillWidth: true
             spacing: Theme.gap
@@ -110,16 +153,49 @@ Rectangle {
                     height: Math.round(6 * Theme.scale)
                     radius: height / 2
                     color: Theme.pressed
-                    Rectangle { width: slider.visualPosition * parent.width; height: parent.height; radius: height / 2; color: bar.tone }
+                    Rectangle {
+                        width: slider.visualPosition * parent.width; height: parent.height; radius: height / 2
+                        color: bar.tone
+                    }
+                    // Ways to waypoints that stand badly have the colour of that.
                     Repeater {
                         model: bar.view.marks
                         Rectangle {
                             required property var modelData
-                            visible: modelData.at > 0
+                            objectName: "way_" + modelData.name
                             x: modelData.at / slider.to * parent.width
+                            width: (modelData.end - modelData.at) / slider.to * parent.width
+                            height: parent.height; radius: parent.radius
+                            visible: modelData.level !== "good" && !bar.view.stale
+                            color: Words.levelColor(modelData.level)
+                            opacity: 0.75
+                        }
+                    }
+                    Repeater {
+                        model: bar.view.marks
+                        Rectangle {
+                            required property var modelData
+                            x: modelData.end / slider.to * parent.width - width / 2
                             anchors.verticalCenter: parent.verticalCenter
                             width: 2; height: Math.round(14 * Theme.scale)
-                            color: Theme.muted
+                            color: modelData.level === "good" ? Theme.muted : Words.levelColor(modelData.level)
+                        }
+                    }
+                    // Where it comes nearest to anything.
+                    Canvas {
+                        objectName: "worstClearance"
+                        readonly property color tone: Words.levelColor(bar.view.worstLevel)
+                        visible: bar.view.worstAt >= 0
+                        x: bar.view.worstAt / slider.to * parent.width - width / 2
+                        anchors.bottom: parent.top
+                        anchors.bottomMargin: Math.round(3 * Theme.scale)
+                        width: Math.round(12 * Theme.scale); height: Math.round(9 * Theme.scale)
+                        onToneChanged: requestPaint()
+                        onPaint: {
+                            const c = getContext("2d")
+                            c.reset()
+                            c.fillStyle = tone
+                            c.moveTo(0, 0); c.lineTo(width, 0); c.lineTo(width / 2, height); c.closePath(); c.fill()
                         }
                     }
                 }

@@ -57,7 +57,13 @@ Window {
 
                 PromptCard { Layout.fillWidth: true }
                 TaskPanel { Layout.fillWidth: true }
-                JournalPanel { Layout.fillWidth: true; Layout.fillHeight: true; Layout.minimumHeight: Math.round(90 * Theme.scale) }
+                // A decision goes before history: where the window is low, the journal gives way to the card.
+                JournalPanel {
+                    Layout.fillWidth: true
+                    Layout.fillHeight: true
+                    Layout.minimumHeight: desk.prompt.open ? 0 : Math.round(90 * Theme.scale)
+                    clip: true
+                }
             }
         }
     }

@@ -47,7 +47,7 @@ Rectangle {
         }
         GridLayout {
             Layout.fillWidth: true
-            columns: 3
+            columns: Math.max(3, Math.min(4, card.view.details.length))
             columnSpacing: Theme.gap
             rowSpacing: Theme.gap
             visible: card.view.details.length > 0
@@ -58,10 +58,21 @@ Rectangle {
                     Layout.fillWidth: true
                     Layout.preferredWidth: 1
                     Layout.alignment: Qt.AlignTop
-                    Text { text: modelData.text; color: Theme.text; font.pixelSize: Theme.title; font.weight: Font.Medium }
                     Text {
-                        text: modelData.label; color: Theme.muted; font.pixelSize: Math.round(12 * Theme.scale)
+                        objectName: "detail_" + (modelData.code || modelData.label)
+                        text: modelData.text
+                        color: !modelData.level || modelData.level === "good" ? Theme.text : Words.levelColor(modelData.level)
+                        font.pixelSize: Theme.title; font.weight: Font.Medium
+                    }
+                    Text {
+                        text: modelData.code ? Words.figure(modelData.code) : modelData.label; color: Theme.muted; font.pixelSize: Math.round(12 * Theme.scale)
                         width: parent.width; wrapMode: Text.Wrap
+                    }
+                    Text {
+                        visible: !!modelData.where
+                        text: modelData.where ? qsTr("to %1").arg(Words.name(modelData.where)) : ""
+                        color: Theme.faint; font.pixelSize: Math.round(11.5 * Theme.scale)
+                        width: parent.width; elide: Text.ElideRight
                     }
                 }
             }

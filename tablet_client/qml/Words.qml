@@ -47,8 +47,36 @@ QtObject {
             run_over: qsTr("run is over"),
             plan_missing: qsTr("waiting for the plan"),
             stale: qsTr("plan is stale"),
+            stale_executed: qsTr("was executed already"),
+            stale_instance_removed: qsTr("template is gone"),
+            stale_instance_moved: qsTr("template was moved"),
+            stale_instance_parameters: qsTr("template was changed"),
+            stale_instance_changed: qsTr("template was placed anew"),
+            stale_start_left: qsTr("robot is not at its start"),
+            stale_others_moved: qsTr("another joint has moved"),
+            stale_base_moved: qsTr("robot's base has moved"),
+            stale_base_unknown: qsTr("robot's place not known"),
             sending: qsTr("sending …"),
-        })[code] ?? code
+        })[code] ?? (code.startsWith("stale_") ? qsTr("plan is stale") : code)
+    }
+
+    // The name of a plan's figure, and the colour of how it stands.
+    function figure(code) {
+        return ({
+            clearance: qsTr("Clearance"), residual: qsTr("Off its goal"), limit_margin: qsTr("Limit margin"),
+            torque_share: qsTr("Torque"),
+        })[code] || Words.name(code)
+    }
+
+    function levelColor(level) {
+        return ({ good: Theme.good, warning: Theme.warning, danger: Theme.danger })[level] || Theme.text
+    }
+
+    // What a figure is about, short: two bodies or a joint, where, on the way to which waypoint.
+    function about(figure) {
+        const what = (figure.about || "").replace(/_(link|joint)\b/g, "").replace(" and ", " – ")
+        const where = figure.where ? qsTr("to %1").arg(Words.name(figure.where)) : ""
+        return [where, Words.name(what)].filter(text => text).join(": ")
     }
 
     function run(status) {

@@ -28,6 +28,7 @@ from handrail.messages import (
     EngineSnapshot,
     GetEngine,
     GetInstances,
+    GetPlan,
     GetRobot,
     GetStatus,
     Instances,
@@ -65,6 +66,7 @@ class FakeRobot:
         self.released = threading.Event()
         self.instances: list[InstanceState] = []
         self.plans: list[PlanPreview] = []
+        self.answers_plan: PlanPreview | None = None
         self.run: RunState | None = None
         self.prompts: list[Prompt] = []
         self._streams: list[queue.SimpleQueue[Any]] = []
@@ -213,6 +215,7 @@ class FakeRobot:
                 instances=self.instances, plans=self.plans, run=self.run, prompts=self.prompts
             ),
             GetInstances: lambda: Instances(instances=self.instances),
+            GetPlan: lambda: self.answers_plan,
         }
         return answers[type(call)]() if type(call) in answers else None
 

@@ -8,12 +8,25 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
 from handrail.config import ConfigError
-from handrail.messages import AnswerPrompt, ClearStop, Enable, PauseRun, PromptClosed, ResumeRun, Stop, StopRun
+from handrail.messages import (
+    AnswerPrompt,
+    ClearStop,
+    Enable,
+    GetPlan,
+    PauseRun,
+    PlanWaypoint,
+    PlanWorst,
+    PromptClosed,
+    ResumeRun,
+    StaleCause,
+    Stop,
+    StopRun,
+)
 
 pytestmark = pytest.mark.window
 
@@ -21,6 +34,7 @@ pytestmark = pytest.mark.window
 REASONS = [
     *("no_robot", "no_engine", "no_program", "stopped", "not_stopped", "already_enabled", "not_enabled", "sending"),
     *("already_paused", "not_paused", "not_running", "run_over", "plan_missing", "stale"),
+    *(f"stale_{cause}" for cause in get_args(StaleCause)),
 ]
 JOURNAL = [
     *("attached", "detached", "engine_attached", "engine_detached", "refused", "unanswered", "log", "action_ended"),
@@ -191,8 +205,8 @@ def test_reject_answers_the_prompt(asking, robot):
 
 
 def test_a_stale_plan_disables_approve_and_says_why(asking, robot):
-    robot.publish(robot.plan(fresh=False, stale_because="wheel_1 was moved"))
-    asking.until(lambda: asking.item("option_approve").property("why") == "plan is stale")
+    robot.publish(robot.plan(fresh=False, stale_because="wheel_1 was moved", stale_causes=["instance_moved"]))
+    asking.until(lambda: asking.item("option_approve").property("why") == "template was moved")
     assert "wheel_1 was moved" in asking.item("staleReason").property("text")
     asking.until(lambda: asking.item("option_reject").isEnabled())
     assert not asking.item("option_approve").isEnabled()
@@ -344,6 +358,32 @@ def test_a_stale_ghost_is_red_and_says_why(robot, show):
     robot.publish(robot.state(), robot.plan(fresh=False, stale_because="wheel_1 was moved"))
     shown.until(lambda: shown.opened.stage.property("ghostStale"))
     shown.until(lambda: "wheel_1 was moved" in shown.item("ghostReason").property("text"))
+
+
+def test_the_time_line_shows_where_a_plan_is_nearest_and_a_tap_on_the_figure_puts_the_ghost_there(robot, show):
+    near = PlanWorst(value=0.012, time=1.5, about="arm_right_5_link and rim")
+    ways = [PlanWaypoint(name="approach", time=2.0, clearance=near), PlanWaypoint(name="turn", time=3.0, residual=0.0)]
+    shown = show().drawn()
+    robot.publish(robot.state(), robot.plan(waypoints=ways))
+    shown.until(lambda: shown.item("worstClearance").isVisible())
+    shown.turn(0.05)
+    mark, track = shown.item("worstClearance"), shown.item("worstClearance").parentItem()
+    assert mark.x() + mark.width() / 2 == pytest.approx(track.width() * 1.5 / 3.0, abs=1.0)
+    assert shown.item("way_approach").isVisible() and not shown.item("way_turn").isVisible()
+    assert mark.property("tone") == shown.words("Theme.danger")
+    from PySide6.QtCore import Qt
+
+    where = shown.middle("figure_clearance")
+    shown.test.mouseClick(shown.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, where)
+    shown.until(lambda: shown.desk.property("ghostTime") == 1.5)
+
+
+def test_a_ghost_that_did_not_come_with_its_plan_is_fetched(robot, show):
+    shown = show()
+    robot.answers_plan = robot.plan()
+    robot.publish(robot.state(), robot.plan(segments=[]))
+    shown.until(lambda: [call.id for call in robot.calls_of(GetPlan)] == ["plan-1"])
+    shown.until(lambda: shown.item("scrub").property("to") == 3.0)
 
 
 def test_the_template_stands_where_its_instance_says_and_follows_it(robot, show):
@@ -541,6 +581,22 @@ def test_a_link_that_goes_and_comes_back_is_shown_and_survived(asking, robot):
 
 
 # ------------------------------------------------------------------------------------------------------- hands and ears
+
+
+def test_a_decision_with_all_its_figures_and_a_long_reason_leaves_every_control_in_the_smallest_window(asking, robot):
+    near, margin = (
+        PlanWorst(value=0.012, time=1.5, about="a and b"),
+        PlanWorst(value=0.02, time=1.0, about="arm_right_4_joint"),
+    )
+    way = PlanWaypoint(name="approach", time=2.0, residual=0.004, clearance=near, limit_margin=margin)
+    why = "wheel_1 was moved 12 mm and turned 3.0° after the plan was made (version 1, now 2)"
+    stale = robot.plan(fresh=False, stale_because=why, stale_causes=["instance_moved"], waypoints=[way])
+    asking.drawn()
+    robot.publish(robot.state(), stale)
+    asking.until(lambda: asking.item("staleReason").isVisible() and asking.item("detail_residual").isVisible())
+    for name in ("scrub", "playGhost", "pause", "stopRun", "option_reject"):
+        control = asking.item(name)
+        asking.until(lambda control=control: control.mapToScene(control.boundingRect().bottomRight()).y() <= 640)
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1200), (1024, 640)])

@@ -16,8 +16,9 @@ from daemon.wbc.composition import CompoundTask
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.impedance import ImpedanceOutput
 from daemon.wbc.model import WholeBodyModel
-from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, Reference, StreamedPose
-from daemon.wbc.tasks import SE3, CartPos, QuaternionOrientation
+from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, Over, Reference, StreamedPose
+from daemon.wbc.standing import NotStandingError, standing_on, upright
+from daemon.wbc.tasks import COM, SE3, CartPos, QuaternionOrientation
 from hal.joint import JointCommand, Mode
 from handrail import messages as m
 from handrail.robot.kinematics import Kinematics
@@ -40,20 +41,31 @@ class WholeBodyControl(MotionController):
 
     References that nobody gave are where the joints were commanded to be; one clock moves them all, and slows them down. While
     constraints exclude each other the solution is the one that breaks them least; after `PATIENCE` s of that the action ends.
+
+    A compound task with contacts at the robot's feet stands on them: then its base is free, and where the estimate has it, and
+    references that nobody gave are those of the robot upright. Any other compound takes the base for fixed, and for the world.
     """
 
     name = "whole_body"
 
-    def __init__(self, motion: m.WholeBody, compound: CompoundTask, model: WholeBodyModel, gains: Gains, period: float):
-        """`model`: of the robot as it is about now; takes long (several ms, and once seconds, since it loads compiled code).
+    def __init__(
+        self,
+        motion: m.WholeBody,
+        compound: CompoundTask,
+        model: WholeBodyModel,
+        gains: Gains,
+        period: float,
+        feet: Sequence[int] = (),
+    ):
+        """`model`: of the robot as it is about now, on a free base where it stands on `feet` (numbers of the description's).
 
-        Raises daemon.wbc.parameters.WbcError.
+        Takes long (several ms, and once seconds, since it loads compiled code). Raises daemon.wbc.parameters.WbcError.
         """
         n = len(model.joints)
         claimed = np.isin(model.joints, motion.joints or model.joints)
         super().__init__(np.flatnonzero(claimed), gains)
         self._motion, self._period = motion, period
-        self._compound, self._model = compound, model
+        self._compound, self._model, self._feet = compound, model, list(feet)
         self._others = np.flatnonzero(~claimed)
         self._seen = np.zeros((2, len(self._others)))
         self.body: WholeBody = compound.on(model, [model.joints[joint] for joint in self._others])
@@ -83,9 +95,24 @@ class WholeBodyControl(MotionController):
 
     def activate(self, robot: RobotState, last: JointCommand) -> None:
         # From what is commanded, not measured: what the robot leans on now, it goes on leaning on.
-        self._model.place(last.position, np.zeros(len(last.position)))
+        base, still = robot.base, np.zeros(len(last.position))
+        if self._model.free:
+            if missing := [foot for foot in self._feet if not base.contact[foot]]:
+                names = [robot.kinematics.description.feet[foot].name for foot in missing]
+                raise NotStandingError(
+                    f"{', '.join(names)}: got no hold there; expected the feet that it is to stand on"
+                )
+            self._model.place(last.position, still, upright(base.pose), np.zeros(6))
+        else:
+            self._model.place(last.position, still)
         self.body.start_here()
         self._references = [self._reference(reference, robot, last) for reference in self._motion.references]
+        self._references += [
+            Over(self.body[task.title], self._model, task.over, self._period)
+            for level in self._compound.levels
+            for task in level
+            if isinstance(task, COM) and task.over
+        ]
         self._leashes = Leashes(self.body, self._handles, REACH, TURN)
         self._output.start(last.position[self.joints], last.velocity[self.joints])
         self._seen[0], self._seen[1] = last.velocity[self._others], 0.0
@@ -97,7 +124,7 @@ class WholeBodyControl(MotionController):
             reference.advance()
         self._leashes.take()
         joints, model, output = robot.joints, self._model, self._output
-        model.place(joints.position, joints.velocity)
+        model.place(joints.position, joints.velocity, robot.base.pose, robot.base.twist)
         position, velocity = joints.position, joints.velocity
         if len(self._others):
             moving.follow_others(out.velocity, self._others, self._seen, self._period, _SETTLE, _HARDEST)
@@ -159,9 +186,10 @@ def made_from(text: bytes, kinematics: Kinematics, gains: Gains, period: float, 
     """
     motion = msgspec.msgpack.decode(text, type=m.WholeBody)
     compound = msgspec.json.decode(motion.compound, type=CompoundTask)
-    model = WholeBodyModel.of(kinematics)
+    feet = standing_on(compound, kinematics.description)
+    model = WholeBodyModel.of(kinematics, free=bool(feet))
     model.place(position, np.zeros(len(position)))
-    return WholeBodyControl(motion, compound, model, gains, period)
+    return WholeBodyControl(motion, compound, model, gains, period, feet)
 
 
 def _longest(references: Sequence[m.Reference]) -> float:

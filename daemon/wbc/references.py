@@ -8,16 +8,19 @@ Each is one kernel a cycle (moving.py): small arrays cost numpy more than the wo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
 from daemon.controllers.references import HermitePath, LinePath, PathClock
+from daemon.wbc import layout as at
 from daemon.wbc import moving
 from daemon.wbc.handle import Handle
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.memory import Array
+from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.tasks import rotation as rotation_of
 
 _SHORTER = 0.9
@@ -67,6 +70,30 @@ class JointTrajectory:
         path.evaluate(clock.s, self._position, self._velocity)
         rate = clock.rate if clock.s < path.length else 0.0
         moving.follow_knots(self._followed, rate, self._period, self._rows, self._posture)
+
+
+class Over:
+    """A centre of mass over the middle of frames, wherever those are, from where it is to begin with; for COM.
+
+    The reference comes nearer to that middle by at most `speed` m/s, and then stays with it.
+    """
+
+    def __init__(
+        self, handle: Handle, model: WholeBodyModel, frames: Sequence[str], period: float, speed: float = 0.05
+    ):
+        """`period`: of the loop, s; `model`: placed where the robot is."""
+        self._parameters, self._step = handle.parameters, speed * period
+        self._data, self._frames = model.data, [model.frame_on_joint(name) for name in frames]
+        self._off: Array = handle.parameters[at.REF_P : at.REF_P + 2] - self._middle()
+
+    def _middle(self) -> Array:
+        there = sum((self._data.oMi[joint].act(on.translation) for joint, on in self._frames), np.zeros(3))
+        return np.asarray(there[:2] / len(self._frames))
+
+    def advance(self) -> None:
+        far = math.hypot(*self._off)
+        self._off *= 1.0 - min(self._step / far, 1.0) if far > 0.0 else 0.0
+        self._parameters[at.REF_P : at.REF_P + 2] = self._middle() + self._off
 
 
 class StreamedPose:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from daemon.wbc import layout as at
 from daemon.wbc.layout import Kind
 from daemon.wbc.model import WholeBodyModel
-from daemon.wbc.parameters import Entry, Gain, WbcError, axes_mask, entry, gains, joint_row, numbers
+from daemon.wbc.parameters import Entry, Gain, WbcError, axes_mask, entry, frame_on_joint, gains, joint_row, numbers
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -159,8 +159,14 @@ class COM(Task, tag="COM", kw_only=True):
 
     axes: tuple[str, ...] = ("x", "y", "z")
     position: Vector | None = None
+    over: tuple[str, ...] = ()
+    """frames in the middle of which its x and y are to be, wherever those are: soles, say. See references.Over"""
 
     def entry(self, model: WholeBodyModel) -> Entry:
+        for i, frame in enumerate(self.over):
+            frame_on_joint(model, frame, f"over[{i}]")
+        if self.over and self.position is not None:
+            raise WbcError("over", "got a position, too; expected one of them")
         mask = axes_mask(self.axes, _LINEAR)
         made = entry(Kind.COM, model, count=mask.bit_count(), mask=mask, weight=self.weight)
         gains(made, self.stiffness, self.damping, mask)

@@ -1,0 +1,44 @@
+"""TALOS balances on its own feet by what the daemon estimates; the plant judges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon.exchange import ActionState, Answer, Outcome
+from handrail.messages import WholeBody
+
+
+def test_talos_stands_on_its_estimate_comes_upright_and_takes_a_push_with_feet_that_stay(standing) -> None:
+    bench = standing()
+    assert bench.begin(WholeBody(compound="stand")) is Answer.ACCEPTED
+    bench.run(400)
+    before, soles = bench.world.truth().base_in_world.position, bench.soles()
+    furthest = off = slipped = cycle = 0.0
+
+    def look() -> None:
+        nonlocal furthest, off, slipped, cycle
+        cycle += 1
+        if cycle % 5:
+            return
+        furthest = max(furthest, abs(bench.world.truth().base_in_world.position[0] - before[0]))
+        off, slipped = max(off, bench.base_off()), max(slipped, float(np.abs(bench.soles() - soles).max()))
+
+    bench.shove((60.0, 20.0, 0.0))
+    bench.run(700, look)
+    assert bench.action()[0] is ActionState.RUNNING
+    assert furthest > 0.005, "it was pushed"
+    assert off < 0.003
+    assert slipped < 0.001
+    assert bench.tilt() < np.radians(0.5)
+    assert np.linalg.norm(np.subtract(bench.world.truth().base_in_world.position, before)) < 0.005, "and is back"
+    model = bench.control._model
+    assert model.com[:2] == pytest.approx(bench.soles()[:, :2].mean(axis=0), abs=0.01)
+
+
+def test_it_does_not_begin_to_stand_on_a_foot_that_does_not_hold(standing) -> None:
+    bench = standing()
+    bench.loop.robot.base.contact[0] = 0
+    bench.loop.robot.estimate_base = lambda _: None  # as if the foot hung
+    assert bench.begin(WholeBody(compound="stand")) is Answer.NOT_ACTIVATED
+    assert bench.action()[1] is Outcome.NONE

@@ -30,8 +30,10 @@ from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.report import Answer
 from engines.planning.ik.solver import Solver
 from engines.planning.ik.trajectory import TrajectorySolver
+from engines.planning.manipulation import TORQUE_SHARE
 from engines.planning.measures import RESIDUAL, TILT, Measure
 from engines.planning.obstacles import obstacles_of
+from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
 from engines.planning.sweep import cubics
 from engines.planning.timing import Knots, Limits, parametrise
@@ -93,7 +95,8 @@ class MotionPlanner:
     def __init__(self, description: RobotDescription, kinematics: Kinematics, limits: Limits):
         """`limits` (n,) of all joints that a plan keeps. Raises ValueError for a robot with joints that turn without end."""
         self._description, self._limits = description, limits
-        self.mechanism = Mechanism.of(Kinematics(kinematics.description))
+        self._kinematics = Kinematics(kinematics.description)
+        self.mechanism = Mechanism.of(self._kinematics)
         if endless := set(description.joints) - set(self.mechanism.joints):
             raise ValueError(f"joint {min(endless)}: it turns without end; expected joints with positions")
         rows = dict(zip(self.mechanism.joints, self.mechanism.q_rows.tolist(), strict=True))
@@ -182,10 +185,16 @@ class MotionPlanner:
         """The frame of an arm's tool tip."""
         return self._description.arms[arm].tip
 
-    def limits_of(self, joints: tuple[str, ...]) -> Limits:
-        """Those of a motion of these joints."""
-        rows = self._description.index(joints)
-        return Limits(self._limits.velocity[rows], self._limits.acceleration[rows])
+    def limits_of(self, joints: tuple[str, ...], q: Array) -> Limits:
+        """Those of a motion of these joints, the others where they are at q (nq,)."""
+        rows, all_joints = self._description.index(joints), self._limits
+        torque = PathTorque(self._kinematics, rows, q[self._rows], TORQUE_SHARE)
+        jerk = None if all_joints.jerk is None else all_joints.jerk[rows]
+        return Limits(all_joints.velocity[rows], all_joints.acceleration[rows], jerk, torque)
+
+    def torque_limit(self, joints: tuple[str, ...]) -> Array:
+        """(m,) N·m"""
+        return np.asarray(self._description.torque_limit[self._description.index(joints)])
 
 
 class _Search:
@@ -221,7 +230,7 @@ class _Search:
         """See MotionPlanner.plan."""
         self._leavable()
         motion = self._motion
-        limits = self._planner.limits_of(motion.moving)
+        limits = self._planner.limits_of(motion.moving, self._start)
         first: Infeasible | None = None
         for name, paths in self._ways():
             try:
@@ -361,12 +370,13 @@ class _Search:
             self._check()
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
+            carried = verifier.torques(knots, self._whole, self._rows, self._planner.torque_limit(motion.moving), where)
             found = verifier.verify(
                 knots, self._whole, self._rows, limits, goals, motion.keep, motion.clearance, where=where,
                 cancelled=self._cancelled,
             )  # fmt: skip
             verified.append(found)
-            measures = (*found.measures, *self._met(goals, knots))
+            measures = (*found.measures, carried, *self._met(goals, knots))
             segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
         if whole:
             self._passes(segments[0])

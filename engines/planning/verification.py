@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from engines.planning.ik.checker import ANGLE, LENGTH, Checker, missed
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure as Missed
-from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, Measure
+from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, TORQUE_SHARE, Measure
 from engines.planning.plan import Cancelled, Infeasible
 from engines.planning.timing import Knots, Limits, accelerations, peak_velocities
 from engines.planning.world import World
@@ -97,6 +97,28 @@ class Verifier:
                 f"({worst.about}) is {worst.value:.3g} m, at least {at_least:g} allowed",
             )
         return Verified(clearances, margins)
+
+    def torques(
+        self, knots: Knots, whole: Callable[[Array], Array], rows: Integers, limit: Array, where: str
+    ) -> Measure:
+        """The share of its limit (m,) N·m that the joint needs that works hardest, at every knot, by inverse dynamics.
+
+        Raises Infeasible where that is more than there is.
+        """
+        mechanism = self._world.mechanism
+        columns = np.array([int(np.flatnonzero(mechanism.coordinate == row)[0]) for row in rows])
+        rates = np.gradient(knots.velocities, knots.times, axis=0)
+        velocity, acceleration = np.zeros(mechanism.nv), np.zeros(mechanism.nv)
+        shares = np.empty(knots.positions.shape)
+        for number, q in enumerate(whole(knots.positions)):
+            velocity[columns], acceleration[columns] = knots.velocities[number], rates[number]
+            shares[number] = np.abs(pin.rnea(self._model, self._data, q, velocity, acceleration)[columns]) / limit
+        names = dict(zip(mechanism.q_rows.tolist(), mechanism.joints, strict=True))
+        about = tuple(names[int(rows[joint])] for joint in shares.argmax(axis=1))
+        found = Measure(TORQUE_SHARE, knots.times, shares.max(axis=1), about)
+        if not (worst := found.worst()).value <= 1.0:
+            raise Infeasible("joint torque", worst.value - 1.0, "of its limit", where, f"({worst.about})")
+        return found
 
     def _margins(self, times: Array, q: Array, rows: Integers) -> Measure:
         mechanism = self._world.mechanism

@@ -281,7 +281,7 @@ def test_the_verifier_finds_what_planning_would_have_missed(bench, nominal_wheel
     verify = Verifier.verify
     monkeypatch.setattr(Verifier, "verify", spy)
     goal = FrameGoal(pose=Pose(position=(0.4, -0.2, 0.3)), angle=ANY)
-    bench.plan([nominal_wheel], goals=[goal])
+    plan = bench.plan([nominal_wheel], goals=[goal])
     verifier, knots, whole, rows, limits, goals, keep, at_least = seen["question"]
     assert np.abs(accelerations(knots)).max() > 0.1
 
@@ -302,4 +302,10 @@ def test_the_verifier_finds_what_planning_would_have_missed(bench, nominal_wheel
     )
     assert broken(knots=late).startswith("goals[0]")
     assert broken(at_least=0.14) == "clearance"
+    weak = bench.planner.torque_limit(plan.joints) * 0.01
+    with pytest.raises(Infeasible, match="joint torque"):
+        verifier.torques(knots, whole, rows, weak, "goals")
+    weight = np.abs(bench.kinematics.gravity(bench.home))[bench.description.index(plan.joints)]
+    share = verifier.torques(knots, whole, rows, weak * 100.0, "goals").values[0]
+    assert share == pytest.approx((weight / weak / 100.0).max(), abs=0.05), "at rest it is the weight"
     assert broken(knots=dataclasses.replace(knots, positions=knots.positions * np.nan)) == "finite numbers"

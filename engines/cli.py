@@ -1,8 +1,9 @@
-"""`handrail program check|list|run`: programs from the command line, over the same client API that the tablet uses."""
+"""`handrail program check|list|run|pause|...`: programs from the command line, over the same client API that the tablet uses."""
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,8 @@ from handrail.messages import LogLine, Prompt, PromptClosed, RunState
 app = typer.Typer(help="Check, list and run programs.", no_args_is_help=True, add_completion=False)
 _out = Console()
 _err = Console(stderr=True)
+Robot = Annotated[str, typer.Option("--connect", help="Address of the robot's link.")]
+Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 _RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
 _SILENT_S = 2.0
 
@@ -66,8 +69,8 @@ def run(
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="parameter=VALUE, e.g. --set goal_deg=180")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Approve every prompt (its first option) without asking.")] = False,
-    connect_to: Annotated[str, typer.Option("--connect", help="Address of the robot's link.")] = DEFAULT_ADDRESS,
-    keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
+    connect_to: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
 ) -> None:
     """Deploy a program on a robot that is up, run it, and follow it to its end. Ctrl-C stops the run, at a prompt too.
 
@@ -75,14 +78,102 @@ def run(
     """
     bindings, given = _pairs("--bind", bind), _pairs("--set", set_)
     parameters = {name: _value(text) for name, text in given.items()}
+    with _robot(connect_to, keys) as robot:
+        raise typer.Exit(_follow(robot, program, bindings, parameters, yes))
+
+
+@contextlib.contextmanager
+def _robot(address: str, keys: Path | None) -> Iterator[Client]:
+    """A robot's client; what it refuses, and that it is not there, ends the command with 1 and words."""
     try:
-        with connect(connect_to, keys) as robot:
-            raise typer.Exit(_follow(robot, program, bindings, parameters, yes))
+        with connect(address, keys) as robot:
+            yield robot
+            return
     except RefusedError as refused:
         _err.print(str(refused), style="red", markup=False, highlight=False, soft_wrap=True)
     except (Unreachable, KeysError, ValueError) as problem:
-        _err.print(f"{connect_to}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+        _err.print(f"{address}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
     raise typer.Exit(1)
+
+
+@app.command()
+def pause(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """Pause the program that runs: the motion stops smoothly, nothing new begins."""
+    with _robot(connect_to, keys) as robot:
+        robot.pause_run()
+
+
+@app.command()
+def resume(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """Let a paused program go on."""
+    with _robot(connect_to, keys) as robot:
+        robot.resume_run()
+
+
+@app.command()
+def step(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """Let a paused program go on until its next activity is about to begin."""
+    with _robot(connect_to, keys) as robot:
+        robot.step_run()
+
+
+@app.command("break")
+def break_(
+    states: Annotated[list[str] | None, typer.Argument(help="States before which to pause; none: nowhere.")] = None,
+    connect_to: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Set breakpoints, instead of those that there are: the program pauses before what these states do."""
+    with _robot(connect_to, keys) as robot:
+        robot.set_breakpoints(states or [])
+
+
+@app.command()
+def skip(
+    state: Annotated[str, typer.Argument(help="An active state.")],
+    way: Annotated[int | None, typer.Option(help="Index of the transition to take instead, as in the file.")] = None,
+    connect_to: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Leave a state as though it were done, or by the way that is given, whatever its guard says."""
+    with _robot(connect_to, keys) as robot:
+        robot.skip(state) if way is None else robot.take_transition(state, way)
+
+
+@app.command("from")
+def from_(
+    state: Annotated[str, typer.Argument(help="The state to begin in.")],
+    paused: Annotated[bool, typer.Option("--paused", help="Wait before what it does.")] = False,
+    connect_to: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Run the last program anew from a state, with what it remembers."""
+    with _robot(connect_to, keys) as robot:
+        _out.print(robot.run_from(state, paused=paused).run, highlight=False)
+
+
+@app.command("set")
+def set_parameters(
+    values: Annotated[list[str], typer.Argument(help="parameter=VALUE")],
+    connect_to: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Change parameters of the program that runs: each counts from its next use."""
+    with _robot(connect_to, keys) as robot:
+        robot.set_run_parameters({name: _value(text) for name, text in _pairs("values", values).items()})
+
+
+@app.command()
+def history(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """Show what the last run went through: states, how long each lasted, what ended it."""
+    with _robot(connect_to, keys) as robot:
+        found = robot.run_history()
+    table = Table("at", "state", "lasted", "ended by", title=found.run)
+    start = found.visits[0].entered_ns if found.visits else 0
+    for visit in found.visits:
+        lasted = f"{(visit.left_ns - visit.entered_ns) / 1e9:.2f} s" if visit.left_ns else "active"
+        table.add_row(f"{(visit.entered_ns - start) / 1e9:.2f} s", visit.state, lasted, visit.event)
+    _out.print(table)
 
 
 def _follow(robot: Client, program: str, bindings: dict[str, str], parameters: dict[str, object], yes: bool) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,13 +45,25 @@ def deploy(request: Deploy, program: Program, description: RobotDescription, aff
         if bound not in fitting:
             what = f"resource {name!r} is not bound" if not bound else f"resource {name!r} can't be bound to {bound!r}"
             raise refuse(what, f"bindings.{name}", bound or "nothing", _listed(resource, fitting))
-    parameters = {name: parameter.default for name, parameter in program.parameters.items()}
-    for name, value in request.parameters.items():
+    check_parameters(program, request.parameters)
+    parameters = {name: parameter.default for name, parameter in program.parameters.items()} | request.parameters
+    return Deployed(f"{program.name}-{uuid.uuid4().hex[:8]}", program, dict(request.bindings), parameters)
+
+
+def check_parameters(program: Program, parameters: Mapping[str, Any]) -> None:
+    """Refuse the first parameter that is unknown or can't have its value."""
+    for name, value in parameters.items():
         problem, expected = program.problem(name, value)
         if problem:
             raise refuse(f"parameter {name}: {problem}", f"parameters.{name}", value, expected)
-        parameters[name] = value
-    return Deployed(f"{program.name}-{uuid.uuid4().hex[:8]}", program, dict(request.bindings), parameters)
+
+
+def check_breakpoints(deployed: Deployed, states: Iterable[str]) -> None:
+    """Refuse the first state that the program does not have, or that does nothing before which one could wait."""
+    doing = [state.id for state in deployed.program.states() if state.file.do]
+    for k, id in enumerate(states):
+        if id not in doing:
+            raise refuse("no state that does something", f"states[{k}]", id, f"one of: {', '.join(doing)}")
 
 
 def still_bound(deployed: Deployed, description: RobotDescription, affordances: AffordanceServer) -> None:

@@ -6,6 +6,7 @@ python -m engines.engine --robot talos_upper --runtime DIR
 from __future__ import annotations
 
 import argparse
+import functools
 import logging
 import queue
 import signal
@@ -13,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -27,7 +29,8 @@ from engines.deployment import Deployed
 from engines.plan_making import make_motion, make_plan
 from engines.plans import PlanStore
 from engines.prompts import Prompts
-from engines.run import Job, PlanExecution, ProgramRun
+from engines.run import Job, PlanExecution, ProgramRun, Start
+from engines.run_journal import RunJournal
 from engines.service import DeferringService, Wake
 from handrail import messages as m
 from handrail.config import ConfigError
@@ -38,6 +41,8 @@ from handrail.topics import Publisher, RefusedError, refuse
 
 TipPose = Callable[[np.ndarray, str], tuple[np.ndarray, np.ndarray]]
 _DEPLOYMENTS_KEPT = 20
+_STOP_S = 10.0
+"""wall time within which a run that is stopped for another one must have ended"""
 
 
 class Engine:
@@ -48,6 +53,9 @@ class Engine:
         self._outbox: queue.SimpleQueue[msgspec.Struct] = queue.SimpleQueue()
         self._closing = threading.Event()
         self._deployments: dict[str, Deployed] = {}
+        self._breakpoints: frozenset[str] = frozenset()
+        self._journal = RunJournal(runtime.folder)
+        self._changing_runs = threading.Lock()
         self._job: Job | None = None
         self._run: ProgramRun | None = None
         self._publisher = Publisher(runtime.endpoint("engine.events"))
@@ -83,10 +91,17 @@ class Engine:
             m.PauseRun: lambda call: self._running().pause(),
             m.ResumeRun: lambda call: self._running().resume(),
             m.StopRun: lambda call: self._running().stop(),
+            m.StepRun: lambda call: self._program_run().step(),
+            m.SetBreakpoints: self._set_breakpoints,
+            m.TakeTransition: lambda call: self._program_run().take(call.state, call.way),
+            m.RunFrom: self._run_from,
+            m.SetRunParameters: lambda call: self._program_run().set_parameters(call.parameters),
+            m.GetRunHistory: self._history,
             m.AnswerPrompt: self._services.prompts.answer,
             m.GetEngine: lambda call: self._snapshot(),
         }
         self._service = DeferringService(runtime.endpoint("engine.call"), m.EngineCall, self._answer, self._wake)
+        self._recover()
 
     # ------------------------------------------------------------------------------------------------------------- the loop
 
@@ -216,11 +231,92 @@ class Engine:
         if deployed is None:
             known = ", ".join(self._deployments) or "none: deploy a program first"
             raise refuse("no such deployment", "deployment", call.deployment, f"one of: {known}")
+        return self._begin(deployed)
+
+    def _begin(self, deployed: Deployed, start: Start | None = None) -> m.RunState:
         deployment.still_bound(deployed, self._services.description, self._services.affordances)
-        self._job = self._run = ProgramRun(deployed, self._services, self._tell)
-        return self._run.start()
+        doing = {state.id for state in deployed.program.states() if state.file.do}
+        run = ProgramRun(
+            deployed,
+            self._services,
+            functools.partial(self._run_changed, deployed),
+            breakpoints=self._breakpoints & doing,
+            start=start,
+        )
+        self._job = self._run = run
+        return run.start()
+
+    def _run_changed(self, deployed: Deployed, state: m.RunState) -> None:
+        self._journal.write(deployed, state)
+        self._tell(state)
+
+    def _run_from(self, call: m.RunFrom) -> Future[m.RunState]:
+        run = self._run
+        if run is None:
+            raise refuse("no program has run yet: start one first", "state", call.state, "a state of the last program")
+        if self._job is not run:
+            self._idle()
+        known = [state.id for state in run.deployed.program.states() if not state.file.final]
+        if call.state not in known:
+            raise refuse("no such state", "state", call.state, f"one of: {', '.join(known)}")
+        start = run.again_from(call.state, paused=call.paused)
+
+        def begin() -> m.RunState:
+            with self._changing_runs:
+                if self._run is not run:
+                    raise refuse("another run was started meanwhile")
+                if run.active:
+                    run.stop()
+                    run.join(_STOP_S)
+                if run.active:
+                    raise refuse(f"the run under way has not ended within {_STOP_S:g} s")
+                return self._begin(run.deployed, start)
+
+        return _in_thread(begin, "run from")
+
+    def _set_breakpoints(self, call: m.SetBreakpoints) -> None:
+        if self._run is not None:
+            self._run.set_breakpoints(call.states)
+        self._breakpoints = frozenset(call.states)
+
+    def _history(self, call: m.GetRunHistory) -> m.RunHistory:
+        if self._run is None:
+            raise refuse("no program has run yet")
+        return m.RunHistory(run=self._run.state.run, visits=self._run.visits)
+
+    def _recover(self) -> None:
+        """Take up, paused, the run that was under way when the engine was killed."""
+        try:
+            found = self._journal.unfinished()
+            if found is None:
+                return
+            program, entry = found
+            request = m.Deploy(program=program.name, bindings=entry.bindings)
+            deployed = deployment.deploy(request, program, self._services.description, self._services.affordances)
+            deployed = replace(deployed, id=entry.state.deployment)
+            self._deployments[deployed.id] = deployed
+            data = entry.state.data
+            inner = [state for state in program.states() if state.id in entry.state.active]
+            inner = [state for state in inner if not any(child in inner for child in state.children)]
+            start = Start(
+                states=tuple(state.id for state in inner),
+                variables={name: value for name, value in data.items() if name in program.variables},
+                parameters={name: value for name, value in data.items() if name in program.parameters},
+                paused="the engine was started anew; what it moved has stopped. Look, then go on, or run from another state",
+                run=entry.state.run,
+            )
+            self._begin(deployed, start)
+        except (ValueError, RefusedError) as problem:
+            self._log("warning", f"the run that was under way is lost: {problem}")
+
+    def _program_run(self) -> ProgramRun:
+        if self._run is None or self._job is not self._run or not self._run.active:
+            raise refuse("no program is running")
+        return self._run
 
     def _idle(self) -> None:
+        if self._changing_runs.locked():
+            raise refuse("the engine is busy: a run is just being started")
         if self._job is not None and self._job.active:
             raise refuse("the engine is busy: stop what runs first")
 

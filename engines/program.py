@@ -74,6 +74,8 @@ class Program:
     title: str
     hash: str
     """of the file's content"""
+    text: str
+    """the file's content"""
     document: config.Document
     resources: Mapping[str, Resource]
     parameters: Mapping[str, Parameter]
@@ -119,7 +121,8 @@ def read(file: Path | str) -> Program:
     program = Program(
         name=Path(file).stem,
         title=whole.title,
-        hash=hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16],
+        hash=hashlib.sha256(content := Path(file).read_bytes()).hexdigest()[:16],
+        text=content.decode(),
         document=document,
         resources=_each(document, "resources", whole.resources, Resource),
         parameters=_each(document, "parameters", whole.parameters, Parameter),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import msgspec
@@ -13,13 +14,15 @@ import msgspec
 from engines.activities import ACTIVITIES
 from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.activities.execute import check, execute
-from engines.deployment import Deployed
+from engines.deployment import Deployed, check_breakpoints, check_parameters
 from engines.motion import Motion
 from engines.parts import Parts
 from engines.plans import PlanRecord
 from engines.program import State
+from engines.run_gate import RunGate
+from engines.run_history import RunHistory
 from engines.statechart import Chart
-from handrail.messages import RunState
+from handrail.messages import RunState, StateVisit
 from handrail.topics import Unreachable, refuse
 
 _SETTLE_S = 3.0
@@ -40,17 +43,47 @@ class Job(Protocol):
     def join(self, timeout_s: float) -> None: ...
 
 
+@dataclass(frozen=True)
+class Start:
+    """Where and with what a run begins, if not as the program says."""
+
+    states: tuple[str, ...] = ()
+    """one, or one of each parallel region"""
+    variables: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    paused: str = ""
+    """why it waits before its first activity; empty: it does not"""
+    run: str = ""
+    """id of the run that it goes on with"""
+
+
 class ProgramRun:
     """One run of a deployed program, in a thread of its own."""
 
-    def __init__(self, deployed: Deployed, services: Services, publish: Callable[[RunState], None]):
+    def __init__(
+        self,
+        deployed: Deployed,
+        services: Services,
+        publish: Callable[[RunState], None],
+        *,
+        breakpoints: Iterable[str] = (),
+        start: Start | None = None,
+    ):
+        """`publish` is told of every change. Raises ValueError where `start` names states that can't be active together."""
         self._services, self._publish = services, publish
+        self._deployed, self._start = deployed, start or Start()
         parts = Parts(services.daemon, services.description.groups)
         self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S)
         program = deployed.program
-        self._parameters = deployed.parameters
-        self._context = Context(services, f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
-        self._chart = Chart(program, deployed.names(), self._activity)
+        self._parameters = {**deployed.parameters, **self._start.parameters}
+        self._context = Context(services, self._start.run or f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
+        self._gate = RunGate(self._waits)
+        self._gate.set_breakpoints(breakpoints)
+        self._history = RunHistory(lambda: services.daemon.time_ns)
+        names = {**deployed.names(), **self._start.variables, **self._parameters}
+        self._chart = Chart(
+            program, names, self._activity, gate=self._gate, history=self._history, start_at=self._start.states
+        )
         self._lock = threading.RLock()
         self._state = RunState(
             run=self._context.run,
@@ -60,6 +93,7 @@ class ProgramRun:
             status="ready",
             active=[],
             data=self._data(),
+            breakpoints=self._gate.breakpoints,
         )
         self._stopping = False
         self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
@@ -74,9 +108,23 @@ class ProgramRun:
     def active(self) -> bool:
         return self.state.status in ("ready", "running", "paused")
 
+    @property
+    def deployed(self) -> Deployed:
+        """What it runs."""
+        return self._deployed
+
+    @property
+    def visits(self) -> list[StateVisit]:
+        """What it went through."""
+        return self._history.visits()
+
     def start(self) -> RunState:
         """Begin."""
-        self._tell(status="running")
+        if self._start.paused:
+            self._gate.close()
+            self._tell(status="paused", active=list(self._start.states), detail=self._start.paused)
+        else:
+            self._tell(status="running")
         self._thread.start()
         return self.state
 
@@ -87,16 +135,74 @@ class ProgramRun:
             if self._state.status != "running":
                 raise refuse("the program does not run", "status", self._state.status, "running")
             _reach(self._motion.pause)
+            self._gate.close()
             self._tell(status="paused")
 
     def resume(self) -> None:
         """Go on. Refused when it is not paused."""
+        self._go_on(one_step=False)
+
+    def step(self) -> None:
+        """Go on until the next activity is about to begin. Refused when it is not paused."""
+        self._go_on(one_step=True)
+
+    def _go_on(self, *, one_step: bool) -> None:
         with self._lock:
             self._not_stopping()
             if self._state.status != "paused":
                 raise refuse("the program is not paused", "status", self._state.status, "paused")
             _reach(self._motion.resume)
-            self._tell(status="running")
+            self._gate.open(one_step=one_step)
+            self._tell(status="running", detail="")
+
+    def set_breakpoints(self, states: Sequence[str]) -> None:
+        """Pause before what these states do. Refused for a state that does nothing."""
+        check_breakpoints(self._deployed, states)
+        with self._lock:
+            self._gate.set_breakpoints(states)
+            self._tell()
+
+    def take(self, id: str, way: int | None) -> RunState:
+        """Leave an active state by its `way`-th transition, or (None) as though done. Refused where there is no such way."""
+        with self._lock:
+            self._not_stopping()
+            if not self.active:
+                raise refuse("the program has ended", "status", self._state.status, "running or paused")
+            if id not in self._state.active:
+                raise refuse("the state is not active", "state", id, f"one of: {', '.join(self._state.active)}")
+            state = next(state for state in self._deployed.program.states() if state.id == id)
+            leading = {k: each.file for k, each in enumerate(state.transitions) if each.file.target}
+            ways = "; ".join(
+                f"{k}: {each.event or each.cond or 'always'} → {each.target}" for k, each in leading.items()
+            )
+            if way is None:
+                done = {f"done.invoke.{id}", f"done.state.{id}"}
+                way = next((k for k, each in leading.items() if done & set((each.event or "").split())), None)
+                if way is None:
+                    raise refuse("the state has no way out for being done", "way", None, ways or "a state that has one")
+            elif way not in leading:
+                raise refuse("the state has no such way out", "way", way, ways or "a state that has one")
+            unset = [name for name, value in leading[way].set.items() if "_event" in str(value)]
+            left_out = f"; not set, for want of a result: {', '.join(unset)}" if unset else ""
+            self._services.log("warning", f"{id} → {leading[way].target}, because an operator said so{left_out}")
+            self._chart.take(id, way)
+            return self.state
+
+    def set_parameters(self, parameters: Mapping[str, Any]) -> None:
+        """Change parameters; each counts from when it is used next. Refused, naming the first that can't be so."""
+        with self._lock:
+            if not self.active:
+                raise refuse("the program has ended", "status", self._state.status, "running or paused")
+            check_parameters(self._deployed.program, parameters)
+            self._parameters.update(parameters)
+            self._chart.set_parameters(parameters)
+            self._tell(data=self._data())
+
+    def again_from(self, state: str, *, paused: bool) -> Start:
+        """How a run begins that goes on in a state with what this one has remembered."""
+        with self._lock:
+            why = f"before {state}, as asked" if paused else ""
+            return Start((state,), self._chart.variables(), dict(self._parameters), paused=why)
 
     def stop(self) -> None:
         """Cancel the motion and end; the robot holds. Refused when it has ended already."""
@@ -117,8 +223,24 @@ class ProgramRun:
     def _activity(self, state: State, values: Mapping[str, Any]) -> Activity:
         return ACTIVITIES[state.file.do](self._context, values)
 
+    def _waits(self, why: str) -> None:
+        """An activity waits at the gate, which it has closed itself where there is a reason."""
+        with self._lock:
+            # The driving thread tells the same soon: whoever reads that a state waits finds it among the active ones.
+            now = {"active": self._chart.active() or self._state.active, "data": self._data()}
+            if not why or self._stopping:
+                self._tell(**now)
+                return
+            try:
+                self._motion.pause()  # what a parallel state moves
+            except Unreachable as silent:
+                self._services.log("warning", f"{why}: {silent}")
+            self._tell(status="paused", detail=why, **now)
+        self._services.daemon.release_time()
+
     def _drive(self) -> None:
-        self._services.daemon.hold_time(HOLD_S)
+        if not self._start.paused:
+            self._services.daemon.hold_time(HOLD_S)
         try:
             self._chart.begin()
             while (end := self._chart.ended) is False:
@@ -144,6 +266,7 @@ class ProgramRun:
 
     def _tell(self, **changes: Any) -> None:
         with self._lock:
+            changes = {"waiting": self._gate.waiting(), "breakpoints": self._gate.breakpoints, **changes}
             state = msgspec.structs.replace(self._state, **changes, time_ns=self._services.daemon.time_ns)
             if msgspec.structs.replace(state, time_ns=self._state.time_ns) == self._state:
                 return

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import queue
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -24,12 +24,15 @@ from engines.activities.base import SHAPES, Activity, ActivityFailed, Argument, 
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_check import STOPPED
 from engines.program_expressions import ProgramEvaluator
+from engines.run_gate import RunGate
+from engines.run_history import RunHistory
 from engines.text import fill
 from handrail.messages import FrameGoal, GazeGoal
 from handrail.topics import Unreachable
 
 _INVOKE_TYPE = "handrail"
 _STOP = "handrail.stop"
+_TAKE = "handrail.take"
 _log = logging.getLogger(__name__)
 
 Make = Callable[[State, Mapping[str, Any]], Activity]
@@ -57,16 +60,34 @@ class ProgramData:
 class Chart(Interpreter):
     """One run of a program's statechart."""
 
-    def __init__(self, program: Program, names: Mapping[str, Any], make: Make):
-        """`names`: the values of variables, parameters and resources; `make` makes a state's activity when it is entered."""
+    def __init__(
+        self,
+        program: Program,
+        names: Mapping[str, Any],
+        make: Make,
+        *,
+        gate: RunGate | None = None,
+        history: RunHistory | None = None,
+        start_at: Iterable[str] = (),
+    ):
+        """`make` makes a state's activity when it is entered.
+
+        :param names: the values of variables, parameters and resources
+        :param gate: passed by every activity before it is made
+        :param history: told of each state that is entered and left
+        :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
+        :raises ValueError: no such state, or states that can't be active together
+        """
         super().__init__(reader=YAMLReader(), evaluator=ProgramEvaluator())
-        self.program, self._make = program, make
+        self.program, self._make, self._history = program, make, history
+        self.gate = gate or RunGate(lambda why: None)
         self.data = ProgramData({**CONSTANTS, **names})
         # What expressions are evaluated over; the machine itself does not exist yet when its first activities begin.
         self._names = SimpleNamespace(model=self.data)
         self._by_id = {state.id: state for state in program.states()}
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self.process_definition(native_dict_to_definition(_native(program)), location=program.name)
+        definition = _native(program, _initial(program, self._by_id, start_at))
+        self.process_definition(native_dict_to_definition(definition), location=program.name)
         self._machine: Any = None
 
     # ------------------------------------------------------------------------------------------- called by the driving thread
@@ -110,6 +131,17 @@ class Chart(Interpreter):
         """Hand an event to the driving thread."""
         self._events.put(event)
 
+    def set_parameters(self, values: Mapping[str, Any]) -> None:
+        """New values, for whatever is evaluated from now on."""
+        for name, value in values.items():
+            setattr(self.data, name, value)
+
+    def take(self, state: str, way: int) -> None:
+        """Leave a state by one of its transitions that lead somewhere, whatever the guard says. What it sets from the event's data
+        stays as it was.
+        """
+        self.post(Event(f"{_TAKE}.{state}.{way}"))
+
     def stop(self) -> None:
         """End the run from whatever state it is in; its activities are cancelled."""
         self.post(Event(_STOP))
@@ -125,6 +157,17 @@ class Chart(Interpreter):
         if str(event_data.event) == "error.execution":
             told = event_data.trigger_data.kwargs
             self.data.failure = str(told.get("message") or told.get("error", ""))
+
+    def on_enter_state(self, state: Any) -> None:
+        """Told of each state that becomes active."""
+        if self._history is not None and state.id in self._by_id:
+            self._history.entered(state.id)
+
+    def on_exit_state(self, state: Any, event: Any) -> None:
+        """Told of each state that is left."""
+        if self._history is not None:
+            name = str(event or "")
+            self._history.left(state.id, "operator" if name.startswith((_TAKE, _STOP)) else name)
 
     # --------------------------------------------------------------------------------------------------------------- values
 
@@ -188,6 +231,8 @@ class _ActivityInvoker:
     def _outcome(self, ctx: InvokeContext) -> Event:
         source = self._state.id
         try:
+            if not self._chart.gate.admit(source, ctx.cancelled):
+                raise ActivityFailed("cancelled", f"{source} was left before it began")
             self._running = self._chart.make_activity(self._state)
             if ctx.cancelled.is_set():
                 self._running.cancel()
@@ -204,6 +249,7 @@ class _ActivityInvoker:
 
     def on_cancel(self) -> None:
         """Called by the driving thread after the state was left."""
+        self._chart.gate.wake()
         if (running := self._running) is not None:
             try:
                 running.cancel()
@@ -211,26 +257,47 @@ class _ActivityInvoker:
                 _log.warning("state %s: %s", self._state.id, silent)
 
 
-def _native(program: Program) -> dict[str, Any]:
+def _initial(program: Program, states: Mapping[str, State], start_at: Iterable[str]) -> dict[str | None, str]:
+    """Parent (None: of all) → the child that is entered first, where the program itself does not say so or is overruled."""
+    initial: dict[str | None, str] = {}
+    for id in start_at:
+        if id not in states:
+            raise ValueError(f"start_at: got {id!r}; expected one of {', '.join(states)}")
+        for state in states[id].lineage():
+            above = state.parent
+            if above is not None and above.file.parallel:
+                continue
+            key = above.id if above is not None else None
+            if initial.setdefault(key, state.id) != state.id:
+                raise ValueError(f"start_at: {id!r} can't be active together with {initial[key]!r}")
+    return initial
+
+
+def _native(program: Program, initial: Mapping[str | None, str]) -> dict[str, Any]:
     """The program in python-statemachine's own words, with a final state that StopRun leads to from everywhere."""
-    states = {state.id: _native_state(state) for state in program.roots}
-    if not any(root.file.initial for root in program.roots):
-        states[program.roots[0].id]["initial"] = True
+    first = initial.get(None) or next((root.id for root in program.roots if root.file.initial), program.roots[0].id)
+    states = {state.id: _native_state(state, initial, state.id == first) for state in program.roots}
     return {"name": program.name, "states": {**states, STOPPED: {"final": True}}}
 
 
-def _native_state(state: State) -> dict[str, Any]:
+def _native_state(state: State, initial: Mapping[str | None, str], first: bool) -> dict[str, Any]:
+    """`first`: it is entered with its parent."""
     if state.file.final:
-        return {"final": True, "initial": state.file.initial}
-    native: dict[str, Any] = {"initial": state.file.initial, "parallel": state.file.parallel}
+        return {"final": True, "initial": first}
+    native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel}
     native["transitions"] = [_native_transition(way) for way in state.transitions]
+    native["transitions"] += [
+        _taken(way, f"{_TAKE}.{state.id}.{k}") for k, way in enumerate(state.transitions) if way.file.target
+    ]
     if not state.children:
         # First in each innermost state: no other transition of the program can take the event away.
         native["transitions"].insert(0, {"event": _STOP, "target": STOPPED})
     else:
-        native["states"] = {child.id: _native_state(child) for child in state.children}
-        if not state.file.parallel:
-            native["states"][state.initial_children()[0].id]["initial"] = True
+        entered = {initial[state.id]} if state.id in initial else {child.id for child in state.initial_children()}
+        native["states"] = {
+            child.id: _native_state(child, initial, not state.file.parallel and child.id in entered)
+            for child in state.children
+        }
     if state.history:
         native["history"] = {
             name: {"type": state.history_type[name], "transitions": [_native_transition(way) for way in ways]}
@@ -245,9 +312,21 @@ def _native_transition(way: Transition) -> dict[str, Any]:
     native: dict[str, Any] = {
         key: value for key in ("event", "target", "cond") if (value := getattr(way.file, key)) is not None
     }
-    if way.file.set:
-        native["on"] = [
+    return native | _sets(way.file.set)
+
+
+def _taken(way: Transition, event: str) -> dict[str, Any]:
+    """The same way out for an operator who orders it: no guard, and nothing is set from the data of an event that did not come."""
+    known = {name: value for name, value in way.file.set.items() if "_event" not in str(value)}
+    return {"event": event, "target": way.file.target, **_sets(known)}
+
+
+def _sets(values: Mapping[str, Any]) -> dict[str, Any]:
+    if not values:
+        return {}
+    return {
+        "on": [
             {"assign": {"location": name, "expr": expression if isinstance(expression, str) else repr(expression)}}
-            for name, expression in way.file.set.items()
+            for name, expression in values.items()
         ]
-    return native
+    }

@@ -45,6 +45,7 @@ from handrail.messages import (
     GetInstances,
     GetPlan,
     GetRobot,
+    GetRunHistory,
     GetStatus,
     Goal,
     InstanceState,
@@ -61,12 +62,18 @@ from handrail.messages import (
     ResumeRun,
     RobotInfo,
     Run,
+    RunFrom,
+    RunHistory,
     RunState,
+    SetBreakpoints,
     SetParameters,
+    SetRunParameters,
     SetSpeed,
+    StepRun,
     Stop,
     StopRun,
     SwitchRelay,
+    TakeTransition,
 )
 from handrail.topics import RefusedError, Unreachable
 
@@ -264,6 +271,34 @@ class Client:
     def stop_run(self) -> None:
         """End the running program: its motion is cancelled, the robot holds."""
         self.call(StopRun())
+
+    def step_run(self) -> None:
+        """Let a paused program go on until its next activity is about to begin."""
+        self.call(StepRun())
+
+    def set_breakpoints(self, states: Sequence[str]) -> None:
+        """Pause before these states do what they do, in this run and the next ones; replaces those that there were."""
+        self.call(SetBreakpoints(states=list(states)))
+
+    def skip(self, state: str) -> RunState:
+        """Leave an active state as though it were done; what it does is cancelled."""
+        return self.call(TakeTransition(state=state))
+
+    def take_transition(self, state: str, way: int) -> RunState:
+        """Leave an active state by its `way`-th transition (as in the file, from 0), whatever the guard says."""
+        return self.call(TakeTransition(state=state, way=way))
+
+    def run_from(self, state: str, *, paused: bool = False) -> RunState:
+        """Run the last program anew from a state, with its variables as they stand; one under way is stopped before."""
+        return self.call(RunFrom(state=state, paused=paused))
+
+    def set_run_parameters(self, parameters: Mapping[str, Any]) -> None:
+        """Change the running program's parameters: each counts from when it is used next."""
+        self.call(SetRunParameters(parameters=dict(parameters)))
+
+    def run_history(self) -> RunHistory:
+        """The states that the last run went through, with their times and what ended them."""
+        return self.call(GetRunHistory())
 
     def answer(self, prompt: str, answer: str, by: str = "operator") -> None:
         """Answer a prompt by its id. Refused when it was already answered."""

@@ -1636,6 +1636,68 @@ class StopRun(Message):
     """End the running program: cancel its motion, leave the robot holding."""
 
 
+@_travels(priority=1, remote=True)
+class StepRun(Message):
+    """Let a paused program go on until the next activity is about to begin."""
+
+
+@_travels(priority=1, remote=True)
+class SetBreakpoints(Message):
+    """Pause the program before these states do what they do. Replaces those that there were; counts for the next runs too."""
+
+    states: list[Name]
+
+
+@_travels(priority=1, remote=True)
+class TakeTransition(Message):
+    """Leave an active state by a way out of the operator's choice, whatever its guard says; what it does is cancelled."""
+
+    state: Name
+    way: Annotated[int, Meta(ge=0)] | None = None
+    """index of the state's transition in the program's file; None: skip, by the first way that it has for being done"""
+
+
+@_travels(priority=1, remote=True)
+class RunFrom(Message):
+    """Run the last program anew from a state, with its variables as they stand. A run under way is stopped before."""
+
+    state: Name
+    paused: bool = False
+    """True: wait before the state's activity until the run is resumed or stepped"""
+
+
+@_travels(priority=1, remote=True)
+class SetRunParameters(Message):
+    """Change parameters of the running program: each counts from when it is used next."""
+
+    parameters: dict[str, Any]
+
+
+@_travels(priority=1, remote=True)
+class GetRunHistory(Message):
+    """What the last run went through."""
+
+
+class StateVisit(msgspec.Struct, kw_only=True):
+    """One stay in a state."""
+
+    state: str
+    entered_ns: int
+    """by the robot's clock"""
+    left_ns: int = 0
+    """0: it is active"""
+    event: str = ""
+    """what ended it; empty: a guard alone"""
+
+
+class RunHistory(Message):
+    """Answer to GetRunHistory."""
+
+    run: str
+    visits: list[StateVisit]
+    """in the order in which the states were entered, the last 2000"""
+
+
 @_travels(priority=2, remote=True)
 class RunState(Message):
     """A program's run, at every change."""
@@ -1648,9 +1710,13 @@ class RunState(Message):
     active: list[str]
     """ids of the active states, outermost first"""
     data: dict[str, Any] = {}
-    """the program's variables as they stand, then its parameters as deployed; no name is both"""
+    """the program's variables as they stand, then its parameters; no name is both"""
+    waiting: list[str] = []
+    """active states that have not begun what they do, because the run is paused"""
+    breakpoints: list[str] = []
+    """states before whose activity the run pauses"""
     detail: str = ""
-    """why it failed or stopped"""
+    """why it failed, stopped, or paused by itself"""
     time_ns: int = 0
 
 
@@ -1721,6 +1787,9 @@ PlanMotion.Reply = PlanPreview
 ListLibrary.Reply = Library
 Deploy.Reply = Deployment
 Run.Reply = RunState
+RunFrom.Reply = RunState
+TakeTransition.Reply = RunState
+GetRunHistory.Reply = RunHistory
 GetEngine.Reply = EngineSnapshot
 
 EngineCall = (
@@ -1739,6 +1808,12 @@ EngineCall = (
     | PauseRun
     | ResumeRun
     | StopRun
+    | StepRun
+    | SetBreakpoints
+    | TakeTransition
+    | RunFrom
+    | SetRunParameters
+    | GetRunHistory
     | AnswerPrompt
     | GetEngine
 )
@@ -1801,5 +1876,6 @@ Answer = (
     | Library
     | Deployment
     | RunState
+    | RunHistory
     | EngineSnapshot
 )

@@ -1,0 +1,186 @@
+"""A run under the operator's hand: breakpoints, steps, ways out of his choice, another state to go on from, a killed engine."""
+
+from __future__ import annotations
+
+import pytest
+
+from handrail import messages as m
+
+
+def states(stack, *, status=None, waiting=None):
+    """The first run state that is so."""
+    return stack.wait(
+        lambda e: (
+            isinstance(e, m.RunState)
+            and (status is None or e.status == status)
+            and (waiting is None or e.waiting == waiting)
+        )
+    )
+
+
+@pytest.fixture
+def halted(stack):
+    """A run that has come to a breakpoint at its prompt."""
+    stack.place()
+    stack.call(m.SetBreakpoints(states=["confirming"]))
+    stack.run(goal_deg=10)
+    states(stack, status="paused", waiting=["confirming"])
+    return stack
+
+
+def test_a_breakpoint_pauses_before_the_state_does_anything_and_says_which(halted):
+    run = halted.call(m.GetEngine()).run
+    assert run.active == ["confirming"]
+    assert run.detail == "breakpoint at confirming"
+    assert not halted.call(m.GetEngine()).prompts
+    halted.call(m.ResumeRun())
+    halted.prompt()
+    assert halted.call(m.GetEngine()).run.status == "running"
+
+
+def test_a_step_goes_on_to_the_next_activity_and_no_further(halted, daemon):
+    halted.call(m.StepRun())
+    halted.call(m.AnswerPrompt(id=halted.prompt().id, answer="approve"))
+    run = states(halted, status="paused", waiting=["stroking"])
+    assert run.detail == "one step on, before stroking"
+    assert not daemon.started()
+    halted.call(m.ResumeRun())
+    assert halted.ended().status == "succeeded"
+
+
+def test_a_pause_keeps_a_state_that_is_just_entered_from_beginning(stack, planner, wait_until):
+    stack.place()
+    planner.pace.clear()
+    stack.run(goal_deg=10)
+    wait_until(lambda: planner.asked)
+    stack.call(m.PauseRun())
+    planner.pace.set()
+    states(stack, status="paused", waiting=["confirming"])
+    stack.call(m.StopRun())
+    assert stack.ended().status == "stopped"
+    assert not [event for event in stack.events if isinstance(event, m.Prompt)]
+
+
+def test_skipping_leaves_the_state_as_though_it_were_done_and_says_what_was_not_set(stack):
+    stack.place()
+    stack.run(goal_deg=10)
+    stack.prompt()
+    stack.call(m.TakeTransition(state="confirming"))
+    stack.wait(lambda e: isinstance(e, m.PromptClosed) and not e.answer)
+    told = stack.wait(lambda e: isinstance(e, m.LogLine) and "because an operator said so" in e.text)
+    assert told.text.startswith("confirming → ")
+
+
+def test_an_operator_takes_whatever_way_out_he_wants(stack):
+    stack.place()
+    stack.run(goal_deg=10)
+    stack.prompt()
+    refused = stack.refusal(m.TakeTransition(state="confirming", way=17))
+    assert (refused.field, refused.value) == ("way", "17")
+    way = next(int(part.split(":")[0]) for part in refused.expected.split("; ") if part.endswith("failed"))
+    stack.call(m.TakeTransition(state="confirming", way=way))
+    assert stack.ended().status == "failed"
+
+
+def test_a_run_goes_on_from_another_state_with_what_it_remembers(halted, daemon):
+    plan = halted.call(m.GetEngine()).run.data["plan"]
+    first = halted.call(m.GetEngine()).run.run
+    began = halted.call(m.RunFrom(state="stroking"))
+    assert began.run != first
+    assert began.data["plan"] == plan
+    assert halted.wait(lambda e: isinstance(e, m.RunState) and e.run == first and e.status == "stopped")
+    ended = halted.wait(lambda e: isinstance(e, m.RunState) and e.run == began.run and e.status == "succeeded")
+    assert "turned" in ended.detail
+    assert len([call for call in daemon.calls if isinstance(call, m.StartAction)]) > 1
+
+
+def test_an_ended_run_can_be_repeated_from_a_state_and_waits_there_if_asked(stack):
+    stack.place()
+    stack.run(goal_deg=10)
+    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="reject"))
+    stack.ended()
+    began = stack.call(m.RunFrom(state="confirming", paused=True))
+    states(stack, status="paused", waiting=["confirming"])
+    assert began.status == "paused"
+    stack.call(m.StepRun())
+    assert stack.prompt(2).run == began.run
+
+
+def test_a_parameter_counts_from_its_next_use(halted):
+    halted.call(m.SetRunParameters(parameters={"goal_deg": 33}))
+    assert halted.call(m.GetEngine()).run.data["goal_deg"] == 33
+    halted.call(m.ResumeRun())
+    assert "33°" in halted.prompt().text
+    refused = halted.refusal(m.SetRunParameters(parameters={"goal_deg": 1e6}))
+    assert (refused.field, refused.expected) == ("parameters.goal_deg", "5 to 3600 deg")
+
+
+def test_the_history_says_what_was_passed_in_which_order_and_what_ended_it(stack):
+    stack.place()
+    stack.run(goal_deg=10)
+    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
+    stack.ended()
+    history = stack.call(m.GetRunHistory())
+    passed = [visit.state for visit in history.visits]
+    assert passed[:4] == ["planning", "confirming", "turning", "stroking"]
+    assert "counting" in passed, "also what is passed without waiting"
+    first = history.visits[0]
+    assert first.event == "done.invoke.planning"
+    assert first.left_ns >= first.entered_ns > 0
+
+
+def killed(stack, monkeypatch):
+    """End an engine that writes nothing any more, as one that is killed."""
+    monkeypatch.setattr(stack.engine._journal, "write", lambda *run: None)
+    stack.close()
+
+
+def test_an_engine_that_was_killed_has_its_run_paused_where_it_was(halted, start, wait_until, monkeypatch):
+    before = halted.call(m.GetEngine()).run
+    killed(halted, monkeypatch)
+    again = start()
+    wait_until(lambda: again.call(m.GetEngine()).run.waiting == ["confirming"])
+    run = again.call(m.GetEngine()).run
+    assert run.status == "paused"
+    assert (run.run, run.active, run.deployment) == (before.run, ["confirming"], before.deployment)
+    assert run.data == before.data
+    assert "started anew" in run.detail
+    again.call(m.RunFrom(state="planning"))  # plans are gone with the engine that made them
+    assert "10°" in again.prompt().text
+
+
+def test_an_engine_that_ended_by_itself_recovers_nothing(halted, start):
+    halted.close()
+    assert start().call(m.GetEngine()).run is None
+
+
+def test_a_run_that_can_not_be_recovered_is_told_and_keeps_nothing_else_from_working(
+    halted, start, caplog, monkeypatch
+):
+    halted.call(m.RemoveInstance(name="wheel_1"))
+    killed(halted, monkeypatch)
+    assert start().call(m.GetEngine()).run is None
+    assert "is lost: resource 'valve' can't be bound to 'wheel_1'" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("call", "field"),
+    [
+        (m.SetBreakpoints(states=["confirming", "nowhere"]), "states[1]"),
+        (m.TakeTransition(state="stroking"), "state"),
+        (m.RunFrom(state="nowhere"), "state"),
+        (m.SetRunParameters(parameters={"speed": 1}), "parameters.speed"),
+    ],
+)
+def test_what_does_not_fit_the_program_is_refused_with_what_would(halted, call, field):
+    refused = halted.refusal(call)
+    assert refused.field == field
+    assert refused.expected
+
+
+def test_a_step_of_what_is_not_paused_is_refused(stack):
+    stack.place()
+    assert "no program is running" in stack.refusal(m.StepRun()).message
+    stack.run(goal_deg=10)
+    stack.prompt()
+    assert stack.refusal(m.StepRun()).expected == "paused"

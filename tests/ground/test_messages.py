@@ -48,6 +48,7 @@ def test_the_msgpack_package_reads_what_we_write():
         "position": [0.5],
         "command": [],
         "path_force": 0.0,
+        "speed": 1.0,
         "step": "",
     }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from engines.planning import constraints
 from engines.planning.collision import Clearance, CollisionScene
 from engines.planning.constraints import Constraint
 from engines.planning.measures import LIMIT_MARGIN, TORQUE_SHARE, Measure
+from engines.planning.sweep import Nearest
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
 
@@ -87,9 +90,11 @@ class Assessor:
             constraints.SELF_CLEARANCE: self._scene.to_self(positions),
         }
 
-    def clear(self, q: Array) -> bool:
-        """Whether postures (k, m) of a free motion keep all clearances."""
-        return all(
-            constraint.slack(found.distance) >= 0.0
-            for constraint, found in self.clearances(q, tool_may_touch=False).items()
-        )
+    def between(self, q: Array, *, tool_may_touch: bool) -> tuple[Constraint, Nearest] | None:
+        """Where the way through (k, m) comes too near to something between its rows, if anywhere."""
+        return self._scene.between(self.all_joints(q), tool_may_touch=tool_may_touch)
+
+    def way(self, start: Array, goal: Array, cancelled: Callable[[], bool]) -> Array:
+        """(k, m) a clear way between two postures of the arm. Raises Infeasible, Cancelled."""
+        here, there = self.all_joints(np.array([start, goal]))
+        return self._scene.way(here, there, cancelled)[:, self.rows]

@@ -1,24 +1,28 @@
-"""Clearances by coal through pinocchio: the robot's links as convex hulls against a template's shapes and against each other."""
+"""How near one arm comes to what stands around it and to its own robot, on its way to an object that its tool may touch."""
 
 from __future__ import annotations
 
-import fnmatch
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning import constraints
+from engines.planning.connect import Connector
+from engines.planning.constraints import Constraint
+from engines.planning.ik.mechanism import Mechanism
+from engines.planning.margins import Margins
 from engines.planning.obstacles import Obstacle
-from handrail.robot.description import Arm
-from handrail.robot.kinematics import Kinematics
+from engines.planning.sweep import Chosen, Nearest, Sweep, lines
+from engines.planning.world import World
+from handrail.robot.description import Arm, RobotDescription
 
 Array = NDArray[np.float64]
 
-_NEAR_IN_TREE = 2
-"""links at most so many joints apart overlap at their joints, or can't meet within the joints' limits: never checked"""
+MARGINS = Margins(itself=constraints.SELF_CLEARANCE.bound, objects=constraints.CLEARANCE.bound)
+_BETWEEN = 1e-3
+"""m that a clearance may be missed by between the rows of a path at which it is kept"""
 
 
 @dataclass(frozen=True)
@@ -45,110 +49,64 @@ def nearer(one: Clearance, other: Clearance) -> Clearance:
     return Clearance.of(np.minimum(one.along, other.along), pairs)
 
 
-class RobotBodies:
-    """The robot's collision geometry, and which pairs of it can meet when one arm moves."""
-
-    def __init__(self, kinematics: Kinematics):
-        self.kinematics = kinematics
-        self.description = kinematics.description
-        model = kinematics.model
-        self.geometry = pin.buildGeomFromUrdf(model, str(self.description.urdf), pin.COLLISION)
-        self.links: list[str] = []
-        for body in self.geometry.geometryObjects:
-            if isinstance(body.geometry, coal.BVHModelBase):
-                body.geometry.buildConvexHull(True, "Qt")
-                body.geometry = body.geometry.convex
-            self.links.append(model.frames[body.parentFrame].name)
-        self._ancestors = [self._chain(body.parentJoint) for body in self.geometry.geometryObjects]
-
-    def _chain(self, joint: int) -> tuple[int, ...]:
-        chain = []
-        while joint:
-            chain.append(joint)
-            joint = self.kinematics.model.parents[joint]
-        return tuple(reversed(chain))
-
-    def _allowed(self, a: str, b: str) -> bool:
-        return any(
-            (fnmatch.fnmatch(a, one) and fnmatch.fnmatch(b, other))
-            or (fnmatch.fnmatch(b, one) and fnmatch.fnmatch(a, other))
-            for one, other in self.description.allowed_collision_pairs
-        )
-
-    def self_pairs(self, arm: Arm) -> list[tuple[int, int]]:
-        """Pairs of bodies whose relative pose depends on the arm's joints, the allowed and the neighbouring ones left out."""
-        moving = {self.kinematics.model.getJointId(name) for name in arm.joints}
-        pairs = []
-        for i in range(len(self.links)):
-            for j in range(i):
-                between = set(self._ancestors[i]) ^ set(self._ancestors[j])
-                if (
-                    between & moving
-                    and len(between) > _NEAR_IN_TREE
-                    and not self._allowed(self.links[i], self.links[j])
-                ):
-                    pairs.append((j, i))
-        return pairs
-
-    def carried(self, arm: Arm) -> tuple[list[int], list[int]]:
-        """Bodies that the arm's joints move: those of its tool, all others."""
-        moving = {self.kinematics.model.getJointId(name) for name in arm.joints}
-        bodies = [i for i, chain in enumerate(self._ancestors) if moving & set(chain)]
-        return [i for i in bodies if self.links[i] == arm.tool], [i for i in bodies if self.links[i] != arm.tool]
-
-
 class CollisionScene:
-    """Distances of one arm on its way among obstacles that stand still."""
+    """One arm among obstacles; all other joints stand still. Positions are (k, n) rad of all joints, in the description's order."""
 
-    def __init__(self, bodies: RobotBodies, arm: Arm, obstacles: Sequence[Obstacle]):
-        self._kinematics = bodies.kinematics
-        tool, others = bodies.carried(arm)
-        first = len(bodies.links)
-        behind = range(first, first + len(obstacles))
-        self._names = [*bodies.links, *(obstacle.name for obstacle in obstacles)]
-        self._self = self._checker(bodies, obstacles, bodies.self_pairs(arm))
-        self._others = self._checker(bodies, obstacles, [(i, j) for i in others for j in behind])
-        self._tool = self._checker(bodies, obstacles, [(i, j) for i in tool for j in behind])
+    def __init__(
+        self, mechanism: Mechanism, description: RobotDescription, arm: Arm, obstacles: Sequence[Obstacle], touched: str
+    ):
+        """`touched`: the instance that the arm's tool may touch, where it may."""
+        self._mechanism = mechanism
+        self._columns = description.index(mechanism.joints)
+        self.world = World(mechanism, obstacles, description.allowed_collision_pairs, moving=arm.joints)
+        self._sweep = Sweep(self.world)
+        self.touching = ((arm.tool, f"* of {touched}"),)
+        """names, as the world's, of those who may touch where the tool may"""
+        itself = self.world.of_itself
+        tool = self.world.touching(*self.touching)
+        self._chosen: dict[tuple[Constraint, bool], Chosen] = {
+            (constraints.SELF_CLEARANCE, False): itself,
+            (constraints.SELF_CLEARANCE, True): itself,
+            (constraints.CLEARANCE, False): ~itself,
+            (constraints.CLEARANCE, True): ~itself & ~tool,
+        }
+        self._floors = {
+            False: MARGINS.floors(self.world) - _BETWEEN,
+            True: MARGINS.floors(self.world, self.touching) - _BETWEEN,
+        }
 
-    @staticmethod
-    def _checker(
-        bodies: RobotBodies, obstacles: Sequence[Obstacle], pairs: list[tuple[int, int]]
-    ) -> tuple[pin.GeometryModel, pin.GeometryData] | None:
-        if not pairs:
-            return None
-        geometry = pin.GeometryModel()
-        for body in bodies.geometry.geometryObjects:
-            geometry.addGeometryObject(body)
-        for number, obstacle in enumerate(obstacles):
-            geometry.addGeometryObject(
-                pin.GeometryObject(f"obstacle_{number}", 0, 0, obstacle.placement, obstacle.geometry)
-            )
-        for i, j in pairs:
-            geometry.addCollisionPair(pin.CollisionPair(i, j))
-        return geometry, geometry.createData()
+    def configurations(self, positions: Array) -> Array:
+        """(k, nq) of the mechanism."""
+        return np.array([self._mechanism.configuration(row) for row in positions[:, self._columns]])
 
     def to_self(self, positions: Array) -> Clearance:
-        """The robot from itself over positions (k, n) rad of all joints."""
-        return self._smallest(self._self, positions)
+        """The robot from itself."""
+        return self._smallest(positions, self._chosen[constraints.SELF_CLEARANCE, False])
 
     def to_obstacles(self, positions: Array, *, tool_may_touch: bool) -> Clearance:
-        """What the arm carries from the obstacles over positions (k, n) rad; the tool counts unless it may touch."""
-        others = self._smallest(self._others, positions)
-        if tool_may_touch:
-            return others
-        return nearer(others, self._smallest(self._tool, positions))
+        """What the arm carries from the obstacles; the tool counts, but for what it is at where it may touch that."""
+        return self._smallest(positions, self._chosen[constraints.CLEARANCE, tool_may_touch])
 
-    def _smallest(self, checker: tuple[pin.GeometryModel, pin.GeometryData] | None, positions: Array) -> Clearance:
-        if checker is None:
-            return Clearance.of(np.full(len(positions), np.inf), ("",) * len(positions))
-        geometry, data = checker
-        model, scratch = self._kinematics.model, self._kinematics.data
-        along, nearest = np.empty(len(positions)), []
-        for row, position in enumerate(positions):
-            pair = pin.computeDistances(model, scratch, geometry, data, self._kinematics.configuration(position))
-            along[row] = data.distanceResults[pair].min_distance
-            nearest.append(pair)
-        return Clearance.of(along, tuple(self._between(geometry.collisionPairs[pair]) for pair in nearest))
+    def between(self, positions: Array, *, tool_may_touch: bool) -> tuple[Constraint, Nearest] | None:
+        """Where straight lines through positions come too near to something between them, if anywhere."""
+        met = self._sweep.meeting(lines(self.configurations(positions)), self._floors[tool_may_touch])
+        if met is None:
+            return None
+        itself = self.world.of_itself[met.pair]
+        return (constraints.SELF_CLEARANCE if itself else constraints.CLEARANCE), met
 
-    def _between(self, pair: pin.CollisionPair) -> str:
-        return f"{self._names[pair.first]} and {self._names[pair.second]}"
+    def way(self, start: Array, goal: Array, cancelled: Callable[[], bool]) -> Array:
+        """(k, n) a clear way from positions (n,) to others. Raises Infeasible, Cancelled."""
+        connector = Connector(
+            self.world, margins=MARGINS, limit_margin=constraints.LIMIT_MARGIN.bound, cancelled=cancelled
+        )
+        found = connector.way(*self.configurations(np.array([start, goal])))
+        positions = np.repeat(start[None], len(found), axis=0)
+        positions[:, self._columns] = found[:, self._mechanism.q_rows]
+        return positions
+
+    def _smallest(self, positions: Array, chosen: Chosen) -> Clearance:
+        found: list[Nearest] = []
+        for q in self.configurations(positions):
+            found.append(self._sweep.nearest(q, chosen, guess=found[-1].pair if found else -1))
+        return Clearance.of(np.array([one.distance for one in found]), tuple(one.between for one in found))

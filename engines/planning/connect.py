@@ -82,15 +82,17 @@ class Connector:
 
     def __init__(
         self, world: World, *, margins: Margins | None = None, touching: tuple[tuple[str, str], ...] = (),
-        cancelled: Callable[[], bool] = _never,
+        limit_margin: float = 0.0, cancelled: Callable[[], bool] = _never,
     ):  # fmt: skip
+        """`limit_margin`: rad (m) that ways keep from joint limits, but for their ends; others as `connect`."""
         mechanism = world.mechanism
         self.world, self.sweep = world, Sweep(world)
         self._floors = (margins or Margins()).floors(world, touching)
         self._roomy = self._floors + _SPARE
         rows = np.array([mechanism.row(joint) for joint in world.moving], np.int64)
         self._columns = mechanism.coordinate[rows]
-        self._lower, self._upper = mechanism.lower[rows], mechanism.upper[rows]
+        self._lower, self._upper = mechanism.lower[rows] + limit_margin, mechanism.upper[rows] - limit_margin
+        self._limit_margin = limit_margin
         self._cancelled = cancelled
 
     def way(
@@ -128,7 +130,7 @@ class Connector:
     def _refuse_end(self, name: str, q: Array) -> None:
         """Raises Infeasible where the way would have to begin or end out of limits or too near to something."""
         x = q[self._columns]
-        out = np.maximum(self._lower - x, x - self._upper)
+        out = np.maximum(self._lower - x, x - self._upper) - self._limit_margin
         worst = int(out.argmax()) if len(out) else 0
         if len(out) and out[worst] > 1e-6:
             unit = self.world.mechanism.unit_of(self.world.mechanism.row(self.world.moving[worst]))
@@ -159,8 +161,8 @@ class Connector:
         """Corners of a clear way by two trees that grow towards each other."""
         columns = self._columns
         one, other = _Tree(start), _Tree(goal)
-        low = np.maximum(np.minimum(start, goal)[columns] - _MARGIN_BEYOND, self._lower)
-        high = np.minimum(np.maximum(start, goal)[columns] + _MARGIN_BEYOND, self._upper)
+        low = np.clip(np.minimum(start, goal)[columns] - _MARGIN_BEYOND, self._lower, self._upper)
+        high = np.clip(np.maximum(start, goal)[columns] + _MARGIN_BEYOND, self._lower, self._upper)
         tried = 0
         while tried < budget.edges and time.monotonic() < end:
             if tried // _TELL_EVERY != (tried - 1) // _TELL_EVERY:

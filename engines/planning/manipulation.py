@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.assessment import Assessor
-from engines.planning.collision import CollisionScene, RobotBodies
+from engines.planning.collision import MARGINS, CollisionScene
+from engines.planning.ik.mechanism import Mechanism
+from engines.planning.margins import Margins
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, times_of
 from engines.planning.obstacles import obstacles_of
 from engines.planning.path import Leg
@@ -21,6 +23,7 @@ from engines.planning.plan import Plan, Segment
 from engines.planning.stroke import Stroke
 from engines.planning.timing import Limits, parametrise
 from engines.planning.tip_solver import TipSolver
+from engines.planning.verifier import verify
 from engines.planning.visit import Visit
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
 from handrail.robot.description import Arm, RobotDescription
@@ -34,6 +37,8 @@ TORQUE_SHARE = 0.9
 """of the torque limits that weight, friction and acceleration may take together"""
 RATE_SHARE = 0.5
 """of the limits of acceleration and jerk: the rest is for changes of speed in mid-motion"""
+_VERIFIED = Margins(MARGINS.itself - 1e-3, MARGINS.objects - 1e-3)
+"""of clearance: a path's rows keep a millimetre more than what is between them"""
 
 
 def _never() -> bool:
@@ -51,7 +56,7 @@ class ManipulationPlanner:
         self._description = description
         # A model of its own: plans are made in a thread beside others that use theirs.
         self._kinematics = Kinematics(kinematics.description)
-        self._bodies = RobotBodies(self._kinematics)
+        self._mechanism = Mechanism.of(self._kinematics)
         self._solvers = {name: TipSolver(self._kinematics, arm) for name, arm in description.arms.items()}
         home = description.home_position(next(iter(description.home)))
         velocity = VELOCITY_SHARE * description.velocity_limit
@@ -70,6 +75,7 @@ class ManipulationPlanner:
         *,
         arc: float | None = None,
         entry_shift: float = 0.0,
+        others: Sequence[Instance] = (),
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan:
@@ -78,6 +84,7 @@ class ManipulationPlanner:
         :param position: (n,) rad, all joints
         :param arc: None: choose the arc's centre and the posture branch; rad: keep this centre, and the branch near `position`
         :param entry_shift: rad, how much later on the arc to enter than would be the earliest
+        :param others: what else stands around; nothing may touch it
         :param cancelled: asked often; Cancelled is raised soon after it says True
         :param progress: told in a few words what is being done
         :raises Infeasible: there is no plan; names the constraint and by how much it is missed
@@ -87,13 +94,28 @@ class ManipulationPlanner:
         side, position = self._arm(arm), self._position(position)
         with self._lock:
             visit = Visit(instance, trajectory)
-            scene = CollisionScene(self._bodies, side, obstacles_of(instance))
+            others = [other for other in others if other.name != instance.name]
+            around = [solid for one in (instance, *others) for solid in obstacles_of(one)]
+            scene = CollisionScene(self._mechanism, self._description, side, around, instance.name)
             assessor = Assessor(self._kinematics, side, scene, position)
             stroke = Stroke(
                 visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or _never, progress or _quiet
             )
             legs, outputs = stroke.legs(arc, entry_shift)
-            return self._timed(legs, instance, visit, side, assessor, outputs, position)
+            plan = self._timed(legs, instance, visit, side, assessor, outputs, position)
+            self._verify(plan, legs, scene, assessor, position)
+            return replace(plan, made_from={**plan.made_from, **{other.name: other.version for other in others}})
+
+    def _verify(self, plan: Plan, legs: list[Leg], scene: CollisionScene, assessor: Assessor, position: Array) -> None:
+        """Raises Infeasible where a look at the finished plan finds anything that it misses."""
+        limits = Limits(self.limits.velocity[assessor.rows], self.limits.acceleration[assessor.rows])
+        found = verify(
+            plan, scene.world, limits, scene.configurations(position[None])[0], margins=_VERIFIED,
+            touching={leg.name: scene.touching for leg in legs if leg.may_touch},
+            torque=self._description.torque_limit[assessor.rows],
+        )  # fmt: skip
+        if found:
+            raise found[0].error()
 
     def _arm(self, name: str) -> Arm:
         if name not in self._description.arms:

@@ -58,10 +58,10 @@ def obstacles_of(instance: Instance) -> list[Obstacle]:
         moved = _moved_by(instance, joint)
         for name in dict.fromkeys(shape.object for number, shape in still if number in moved):
             shapes = [shape for number, shape in still if number in moved and shape.object == name]
-            obstacles.append(_revolved(name, shapes, joint, in_world))
+            obstacles.append(_revolved(name, shapes, joint, in_world, instance.name))
         still = [(number, shape) for number, shape in still if number not in moved]
     for _, shape in still:
-        obstacles.extend(_solids(shape, in_world))
+        obstacles.extend(_solids(shape, in_world, instance.name))
     return obstacles
 
 
@@ -76,7 +76,7 @@ def _moved_by(instance: Instance, joint: ResolvedJoint) -> set[int]:
     }
 
 
-def _revolved(name: str, shapes: Iterable[Shape], joint: ResolvedJoint, in_world: pin.SE3) -> Obstacle:
+def _revolved(name: str, shapes: Iterable[Shape], joint: ResolvedJoint, in_world: pin.SE3, part_of: str) -> Obstacle:
     """The smallest cylinder about the joint's axis that holds the shapes at every angle."""
     radius, low, high = 0.0, np.inf, -np.inf
     for shape in shapes:
@@ -88,7 +88,7 @@ def _revolved(name: str, shapes: Iterable[Shape], joint: ResolvedJoint, in_world
         low, high = min(low, along.min() - thickness), max(high, along.max() + thickness)
     centre = joint.origin + joint.axis * (low + high) / 2
     rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), joint.axis).toRotationMatrix()
-    return Obstacle(name, coal.Cylinder(radius, high - low), in_world * pin.SE3(rotation, centre))
+    return Obstacle(name, coal.Cylinder(radius, high - low), in_world * pin.SE3(rotation, centre), part_of)
 
 
 def _skeleton(shape: Shape) -> tuple[Array, float]:
@@ -113,7 +113,7 @@ def _skeleton(shape: Shape) -> tuple[Array, float]:
     return points @ pose[:3, :3].T + pose[:3, 3], radius
 
 
-def _solids(shape: Shape, in_world: pin.SE3) -> list[Obstacle]:
+def _solids(shape: Shape, in_world: pin.SE3, part_of: str) -> list[Obstacle]:
     placement = in_world * pin.SE3(shape.pose_in_template[:3, :3], shape.pose_in_template[:3, 3])
     match shape.kind:
         case "sphere":
@@ -125,11 +125,11 @@ def _solids(shape: Shape, in_world: pin.SE3) -> list[Obstacle]:
         case "box":
             geometry = coal.Box(*shape.size)
         case "torus":
-            return _ring(shape, placement)
-    return [Obstacle(shape.object, geometry, placement)]
+            return _ring(shape, placement, part_of)
+    return [Obstacle(shape.object, geometry, placement, part_of)]
 
 
-def _ring(shape: Shape, placement: pin.SE3) -> list[Obstacle]:
+def _ring(shape: Shape, placement: pin.SE3, part_of: str) -> list[Obstacle]:
     """A torus as capsules end to end; coal knows convex solids only."""
     major, minor = shape.size
     side = 2 * major * np.tan(np.pi / _TORUS_SIDES)  # circumscribed: nothing of the torus sticks out at the corners
@@ -138,5 +138,5 @@ def _ring(shape: Shape, placement: pin.SE3) -> list[Obstacle]:
     for angle in np.arange(_TORUS_SIDES) * 2 * np.pi / _TORUS_SIDES:
         turn = pin.utils.rotate("z", angle) @ pin.utils.rotate("x", np.pi / 2)  # the capsule's z along the circle
         centre = major * np.array([np.cos(angle), np.sin(angle), 0.0])
-        pieces.append(Obstacle(shape.object, capsule, placement * pin.SE3(turn, centre)))
+        pieces.append(Obstacle(shape.object, capsule, placement * pin.SE3(turn, centre), part_of))
     return pieces

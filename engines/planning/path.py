@@ -15,7 +15,6 @@ from engines.planning.assessment import Assessor
 from engines.planning.branch import Branch, expected_force
 from engines.planning.collision import Clearance, nearer
 from engines.planning.constraints import Constraint
-from engines.planning.free_motion import free_way
 from engines.planning.plan import Cancelled, Infeasible
 from engines.planning.tip_solver import Reach, TipSolver
 from engines.planning.visit import TipPath, Visit
@@ -46,6 +45,8 @@ class Leg:
     """how well the tool's tip meets its goals at the path's rows, or at the last one where that is all that has a goal"""
     forces: Array
     """(k, 3) N, expected to act on the tip at the path's rows"""
+    may_touch: bool
+    """whether the tool may touch the object"""
 
 
 class PathBuilder:
@@ -131,12 +132,9 @@ class PathBuilder:
         self._check()
         goal = reach.q[0]
 
-        def clear(q: Array) -> bool:
-            self._check()
-            return self._assessor.clear(q)
-
-        path = free_way(self.q, goal, self._solver.lower, self._solver.upper, clear)
-        if path is None:
+        try:
+            path = self._assessor.way(self.q, goal, self._cancelled)
+        except Infeasible:
             ways = {
                 "where the robot stands": self.q[None],
                 "there": goal[None],
@@ -145,7 +143,7 @@ class PathBuilder:
             for words, q in ways.items():
                 distances, between = _distances(self._assessor.clearances(q, tool_may_touch=False))
                 self._refuse(distances, f"{waypoint.name}, no free way, {words}", between)
-            raise Infeasible("free way", 0.0, "m", waypoint.name, "was not found")
+            raise
         tips = self._solver.tips(path)[0]
         length = float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
         duration = max(waypoint.duration, length / _FREE_SPEED)
@@ -180,8 +178,10 @@ class PathBuilder:
         found = self._assessor.clearances(path, tool_may_touch=may_touch)
         distances, between = _distances(found)
         self._refuse({**distances, constraints.LIMIT_MARGIN: self._assessor.limit_margin(path)}, name, between)
+        if (met := self._assessor.between(path, tool_may_touch=may_touch)) is not None:
+            self._refuse({met[0]: met[1].distance}, name, {met[0]: met[1].between})
         near = functools.reduce(nearer, found.values())
-        self.legs.append(Leg(name, path, duration, waypoint, near, reach, forces))
+        self.legs.append(Leg(name, path, duration, waypoint, near, reach, forces, may_touch))
         self.q = path[-1]
 
     def _check(self) -> None:

@@ -85,13 +85,29 @@ class Sweep:
         chains = [support[j, 1 : support[j, 0] + 1].tolist() for j in world.joints]
         self._shared = np.array([_common(chains[a], chains[b]) for a, b in world.pairs.tolist()], np.int64)
         self._all = np.arange(len(world.pairs))
+        self._still = np.zeros(model.nv)
         bodies = len(world.names)
         self._balls, self._moved = np.empty((bodies, 3)), np.zeros((bodies, model.nv + 1))
         self._found, self._travel = np.empty(len(self._all), np.int64), np.empty(len(self._all))
 
-    def nearest(self, q: Array, chosen: Chosen | None = None, *, within: float = np.inf) -> Nearest:
-        """At one configuration (nq,), among the chosen pairs (all), those further apart than `within` m left out."""
-        return self.least(q[None, None], chosen, within=within)
+    def nearest(self, q: Array, chosen: Chosen | None = None, *, within: float = np.inf, guess: int = -1) -> Nearest:
+        """At one configuration (nq,), among the chosen pairs (all), those further apart than `within` m left out.
+
+        `guess`: one of them that is likely near (the nearest one nearby), which saves looking at many.
+        """
+        active = self._all if chosen is None else self._all[chosen]
+        best = Nearest(within, "", -1, q)
+        self._place(q)
+        if guess >= 0:
+            best = min(best, Nearest(self._distance(guess), self.world.between(guess), guess, q), key=_distance_of)
+        near = self._near_placed(self._still, active, np.full(len(self._all), best.distance))
+        pair, distance = best.pair, best.distance
+        for k, bound in self._by_gap(self._found[:near], self._travel[:near]):
+            if bound >= distance:
+                break
+            if (here := self._distance(int(self._found[k]))) < distance:
+                pair, distance = int(self._found[k]), here
+        return best if pair == best.pair else Nearest(distance, self.world.between(pair), pair, q)
 
     def meeting(self, motion: Array, floors: Array, cancelled: Callable[[], bool] | None = None) -> Nearest | None:
         """Where a motion brings a pair nearer than its floor (pairs,) m; None: nowhere along it, for certain.
@@ -111,9 +127,9 @@ class Sweep:
             left = []
             for k in range(near):
                 pair, travel = int(self._found[k]), self._travel[k]
-                distance = pin.computeDistance(world.geometry, self._scratch, pair).min_distance
+                distance = self._distance(pair)
                 if distance < floors[pair] or (distance - travel < floors[pair] and travel < FINEST):
-                    return Nearest(float(distance), world.between(pair), pair, q, first + middle)
+                    return Nearest(distance, world.between(pair), pair, q, first + middle)
                 if distance - travel < floors[pair]:
                     left.append(pair)
             if left:
@@ -134,21 +150,19 @@ class Sweep:
         floors, order = np.full(len(self._all), within), count()
         heap = [(-np.inf, next(order), motion, 0, active)]
         while heap:
-            bound, _, part, first, active = heapq.heappop(heap)
-            if bound >= best.distance - tolerance:
+            lowest, _, part, first, active = heapq.heappop(heap)
+            if lowest >= best.distance - tolerance:
                 break
             q, excursion, middle = self._refer(part)
             near = self._near(q, excursion, active, floors)
             found, travel = self._found[:near].copy(), self._travel[:near].copy()
             distances = np.full(near, np.inf)
-            for k, gap in self._by_gap(found):
-                if gap - travel[k] >= best.distance:
-                    continue
-                distances[k] = distance = pin.computeDistance(
-                    self.world.geometry, self._scratch, int(found[k])
-                ).min_distance
+            for k, bound in self._by_gap(found, travel):
+                if bound >= best.distance:
+                    break
+                distances[k] = distance = self._distance(int(found[k]))
                 if distance < best.distance:
-                    best = Nearest(float(distance), self.world.between(found[k]), int(found[k]), q, first + middle)
+                    best = Nearest(distance, self.world.between(found[k]), int(found[k]), q, first + middle)
                     floors[:] = distance
             bounds = distances - travel
             left = bounds < best.distance - tolerance
@@ -175,10 +189,21 @@ class Sweep:
         excursion[self._columns] = away[self._rows]
         return q, excursion, middle
 
-    def _near(self, q: Array, excursion: Array, active: Integers, floors: Array) -> int:
-        world = self.world
+    def _distance(self, pair: int) -> float:
+        """m, of a pair where it has been placed; negative: penetration."""
+        return float(pin.computeDistance(self.world.geometry, self._scratch, pair).min_distance)
+
+    def _place(self, q: Array) -> None:
         pin.forwardKinematics(self._model, self._data, q)
-        pin.updateGeometryPlacements(self._model, self._data, world.geometry, self._scratch)
+        pin.updateGeometryPlacements(self._model, self._data, self.world.geometry, self._scratch)
+
+    def _near(self, q: Array, excursion: Array, active: Integers, floors: Array) -> int:
+        self._place(q)
+        return self._near_placed(excursion, active, floors)
+
+    def _near_placed(self, excursion: Array, active: Integers, floors: Array) -> int:
+        """How many of the active pairs may come within their floors; which, in `_found`, and by how much nearer, in `_travel`."""
+        world = self.world
         near: int = near_in_stretch(
             self._joint_places, self._body_places, world.centres, world.radii, world.joints,
             world.mechanism.support, self._column_joints, self._axes, self._turns, excursion, world.pairs, self._shared,
@@ -186,13 +211,13 @@ class Sweep:
         )  # fmt: skip
         return near
 
-    def _by_gap(self, found: Integers) -> Iterator[tuple[int, float]]:
-        """Positions in `found`, the pair whose balls are nearest first, with the gap of the balls, m."""
+    def _by_gap(self, found: Integers, travel: Array) -> Iterator[tuple[int, float]]:
+        """Positions in `found` with a bound of their distance in a stretch by their balls, m; the lowest bound first."""
         one, other = self.world.pairs[found].T
         gaps = np.linalg.norm(self._balls[one] - self._balls[other], axis=1)
-        gaps -= self.world.radii[one] + self.world.radii[other]
-        for k in np.argsort(gaps, kind="stable").tolist():
-            yield k, float(gaps[k])
+        gaps -= self.world.radii[one] + self.world.radii[other] + travel
+        order = np.argsort(gaps, kind="stable")
+        yield from zip(order.tolist(), gaps[order].tolist(), strict=True)
 
 
 def _halves(part: Array) -> list[tuple[Array, int]]:
@@ -207,6 +232,10 @@ def _halves(part: Array) -> list[tuple[Array, int]]:
         left.append(points[0])
         right.append(points[-1])
     return [(np.array(left)[None], 0), (np.array(right[::-1])[None], 0)]
+
+
+def _distance_of(one: Nearest) -> float:
+    return one.distance
 
 
 def _at_half(points: Array) -> Array:

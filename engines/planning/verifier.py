@@ -32,6 +32,8 @@ NEAR = 1e-3
 """m, by what a clearance may be missed"""
 _SHARE = 1e-3
 """of a limit on velocity, acceleration or torque, by what it may be passed"""
+MOVED = 0.005
+"""rad (m): bodies and constraints are not looked at anew before some joint has moved by this since the last look"""
 _REST, _GAP = 1e-6, 1e-6
 """rad/s at both ends of a segment, rad between segments"""
 
@@ -136,16 +138,18 @@ class Verifier:
         for segment in plan.segments:
             looks = _looks(segment)
             found += _worst(segment.name, self._of_joints(plan.joints, rows, looks, limits))
-            q = np.repeat(at[None], len(looks.times), axis=0)
-            q[:, self._mechanism.coordinate[rows]] = looks.positions
+            wanted = _apart(looks.positions)
+            times = looks.times[wanted]
+            q = np.repeat(at[None], len(times), axis=0)
+            q[:, self._mechanism.coordinate[rows]] = looks.positions[wanted]
             floors = self._floors.copy()
             if names := (touching or {}).get(segment.name):
                 floors[self._world.touching(*names)] = -np.inf
-            found += _worst(segment.name, self._of_bodies(looks.times, q, floors))
+            found += _worst(segment.name, self._of_bodies(times, q, floors))
             if torque is not None:
-                found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, q, torque))
+                found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, at, torque))
             if constraints:
-                found += _worst(segment.name, self._of_constraints(constraints, begin, looks.times, q, between))
+                found += _worst(segment.name, self._of_constraints(constraints, begin, times, q, between))
             begin += float(segment.times[-1])
         return found
 
@@ -216,17 +220,20 @@ class Verifier:
                     yield time, Measure("clearance", world.between(pair), distance, floor, np.inf, "m"), NEAR
 
     def _of_torques(
-        self, joints: tuple[str, ...], rows: list[int], looks: _Looks, q: Array, torque: Array
+        self, joints: tuple[str, ...], rows: list[int], looks: _Looks, at: Array, torque: Array
     ) -> Iterator[tuple[float, Measure, float]]:
-        v, a = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        needed = np.empty_like(looks.positions)
-        for k, configuration in enumerate(q):
-            v[rows], a[rows] = looks.velocities[k], looks.accelerations[k]
-            needed[k] = pin.rnea(self._model, self._data, configuration, v, a)[rows]
+        """At both ends and in the middle of each piece, over which accelerations are linear."""
+        q, v, a = at.copy(), np.zeros(self._model.nv), np.zeros(self._model.nv)
+        seen = np.arange(len(looks.times)).reshape(-1, DENSITY + 1)[:, [0, DENSITY // 2, DENSITY]].reshape(-1)
+        needed = np.empty((len(seen), len(rows)))
+        columns = self._mechanism.coordinate[rows]
+        for row, k in enumerate(seen.tolist()):
+            q[columns], v[rows], a[rows] = looks.positions[k], looks.velocities[k], looks.accelerations[k]
+            needed[row] = pin.rnea(self._model, self._data, q, v, a)[rows]
         for column, joint in enumerate(joints):
             look, most = int(np.abs(needed[:, column]).argmax()), float(torque[column])
             measure = Measure("torque limits", joint, float(needed[look, column]), -most, most, "N·m")
-            yield float(looks.times[look]), measure, _SHARE * most
+            yield float(looks.times[seen[look]]), measure, _SHARE * most
 
     def _of_constraints(
         self, constraints: Sequence[Constraint], begin: float, times: Array, q: Array, between: float
@@ -253,6 +260,13 @@ def _looks(segment: Stretch) -> _Looks:
         (v0 + t * (2.0 * square + 3.0 * t * cube)).reshape(-1, width),
         (2.0 * square + 6.0 * t * cube).reshape(-1, width),
     )
+
+
+def _apart(positions: Array) -> NDArray[np.intp]:
+    """Rows about MOVED from one another as the joint that moves most goes, however slowly; both ends."""
+    steps = np.cumsum(np.abs(np.diff(positions, axis=0)).max(axis=1, initial=0.0))
+    wanted = np.searchsorted(steps, np.arange(1, int(steps[-1] / MOVED) + 1) * MOVED, side="right")
+    return np.unique(np.concatenate([[0], wanted, [len(positions) - 1]]))
 
 
 def _worst(segment: str, measured: Iterator[tuple[float, Measure, float]]) -> list[Violation]:

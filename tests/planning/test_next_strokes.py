@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from affordance_templates.joint_estimate import joint_after_push
-from engines.planning.collision import CollisionScene, RobotBodies
+from engines.planning.collision import CollisionScene
 from engines.planning.constraints import CLEARANCE, SELF_CLEARANCE
+from engines.planning.ik.mechanism import Mechanism
 from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
 
@@ -77,7 +78,7 @@ def test_the_approach_leads_around_what_stands_in_the_straight_line(wheel_at, pl
     rows = description.index(description.arms["right"].joints)
     start[rows] = [0.004, -0.127, 1.099, -0.109, -0.221, -0.693, 0.029, -1.27, -0.469]
     arm = description.arms["right"]
-    scene = CollisionScene(RobotBodies(kinematics), arm, obstacles_of(wheel))
+    scene = CollisionScene(Mechanism.of(kinematics), description, arm, obstacles_of(wheel), wheel.name)
     approach = planner.plan(wheel, "turn", "right", start).segments[0].positions
     share = np.linspace(0.0, 1.0, 60)[:, None]
     positions = np.repeat(start[None], 60, axis=0)

@@ -38,7 +38,7 @@ def test_every_waypoint_says_what_the_way_to_it_keeps_and_the_worst_of_all_is_th
 
 def test_clearances_are_those_of_the_bodies_named_at_the_time_told(turning, planner, description, whole):
     wheel, plan = turning
-    scene = CollisionScene(planner._bodies, description.arms["right"], obstacles_of(wheel))
+    scene = CollisionScene(planner._mechanism, description, description.arms["right"], obstacles_of(wheel), wheel.name)
     for waypoint in plan.waypoints:
         found = scene.to_self(whole(plan, at(plan, waypoint.clearance.time)[None]))
         if found.pairs[0] == waypoint.clearance.about:

@@ -37,7 +37,9 @@ def test_a_wheel_in_the_robots_chest_is_infeasible_and_names_the_constraint(whee
 
 def test_an_arm_that_starts_in_the_wheel_is_told_which_bodies_are_too_close(wheel_at, planner, home, kinematics):
     beside = kinematics.frame(home, "arm_right_5_link").translation + np.array([0.0, 0.15, 0.0])
-    with pytest.raises(Infeasible, match=r"where the robot stands: clearance .*\(arm_right_\d_link and (rim|spokes)\)"):
+    with pytest.raises(
+        Infeasible, match=r"where the robot stands: clearance .*\(arm_right_\d_link and (rim|spokes) of wheel_1\)"
+    ):
         planner.plan(wheel_at(beside, np.zeros(3)), "turn", "right", home)
 
 

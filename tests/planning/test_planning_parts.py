@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from engines.planning.free_motion import free_way
 from engines.planning.halton import halton
 from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
@@ -118,33 +117,6 @@ def test_a_path_that_goes_nowhere_waits_out_its_duration():
     knots = parametrise(np.repeat(PATH[:1], 5, axis=0), LIMITS, 0.7)
     assert knots.times[-1] == pytest.approx(0.7)
     assert not knots.velocities.any()
-
-
-def wall(q):
-    """Free but for a wall at x = 0 with a gap above y = 0.8."""
-    return bool(((np.abs(q[:, 0]) > 0.1) | (q[:, 1] > 0.8)).all())
-
-
-def test_a_free_way_leads_around_what_stands_in_the_straight_line():
-    start, goal, bounds = np.array([-1.0, 0.0]), np.array([1.0, 0.0]), np.array([2.0, 2.0])
-    way = free_way(start, goal, -bounds, bounds, wall)
-    assert way is not None
-    assert np.allclose(way[[0, -1]], [start, goal])
-    assert wall(way)
-    assert np.abs(np.diff(way, axis=0)).max() < 0.1
-    assert np.array_equal(way, free_way(start, goal, -bounds, bounds, wall))
-
-
-def test_a_straight_way_is_taken_where_it_is_free():
-    start, goal, bounds = np.array([-1.0, 0.0]), np.array([-0.3, 1.0]), np.array([2.0, 2.0])
-    way = free_way(start, goal, -bounds, bounds, wall)
-    assert way is not None
-    assert np.allclose(np.cross(np.append(goal - start, 0), np.column_stack([way - start, np.zeros(len(way))])), 0)
-
-
-def test_there_is_no_way_into_an_obstacle():
-    bounds = np.array([2.0, 2.0])
-    assert free_way(np.array([-1.0, 0.0]), np.array([0.0, 0.0]), -bounds, bounds, wall) is None
 
 
 def test_a_wheel_is_an_obstacle_at_every_angle_of_its_hinge(nominal_wheel):

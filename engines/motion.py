@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 import uuid
 from collections.abc import Callable, Sequence
 from typing import get_args
@@ -18,6 +19,7 @@ from engines.daemon_client import DaemonClient
 from engines.parts import Parts
 from handrail.behaviour_file import BehaviourFile, Robot
 from handrail.messages import (
+    NOT_READY,
     ActionEvent,
     CancelAction,
     EndCondition,
@@ -42,7 +44,10 @@ _REASONS = {
     "too_close": "the guard stopped it before bodies met, or a region (handrail safety explain)",
     "cancelled": "it was cancelled",
 }
-_LISTEN_S = 0.5
+_LISTEN_S, _STREAM_S = 0.5, 0.05
+_ANSWER_S, _AGAIN_S, _MAKING_S = 10.0, 0.05, 300.0
+"""of wall time: for the answer to a start, which the daemon's server may load libraries for; between asking for a motion whose
+controller is still being made, and as long as that takes where nothing was compiled yet"""
 _UNKNOWN_LIMIT = 4
 
 
@@ -94,19 +99,21 @@ class Motion:
         *,
         what: str = "motion",
         still: Callable[[], str] = _always,
+        meanwhile: Callable[[str], None] | None = None,
     ) -> ActionEvent:
         """Run one action and wait for its end.
 
         :param cancelled: set it and call `interrupt` to end the action early
         :param still: why the motion may not be run any more, in words, empty while it may: asked right before it starts, however
             long a pause kept it waiting, and again before a pause of it ends
+        :param meanwhile: called with the action's id twenty times a second while it runs
         :return: its last event; the outcome is `done` or the name of the end condition that tripped
         :raises MotionFailed: where it could not start, or ended otherwise; `stale` where `still` said why
         """
         message = StartAction(
             id=self._next(), owner=self._daemon.owner, motion=motion, ends=list(ends), hold_after_s=self._hold_after_s
         )
-        return self._run(message, cancelled, what, still)
+        return self._run(message, cancelled, what, still, meanwhile=meanwhile)
 
     def run_behaviour(
         self, behaviour: BehaviourFile, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
@@ -131,16 +138,23 @@ class Motion:
         what: str,
         still: Callable[[], str],
         expected: Callable[[str, str], bool] = _never,
+        meanwhile: Callable[[str], None] | None = None,
     ) -> ActionEvent:
-        action = message.id
+        action, quiet, patience = message.id, 0.0, _LISTEN_S if meanwhile is None else _STREAM_S
         with self._daemon.watch(action) as watch:
             unknown = 0
             self._start(message, cancelled, what, still)
             try:
                 while True:
-                    event = watch.next(_LISTEN_S)
+                    event = watch.next(patience)
                     if event is not None and event.state == "ended":
                         break
+                    if meanwhile is not None:
+                        meanwhile(action)
+                    quiet = quiet + patience if event is None else 0.0
+                    if 0.0 < quiet < _LISTEN_S:
+                        continue
+                    quiet = 0.0
                     # A daemon that was started anew knows nothing of the action, and will never tell that it ended.
                     if event is None and cancelled.is_set():
                         self._cancel_again()
@@ -165,17 +179,28 @@ class Motion:
         self, message: StartAction | StartBehaviour, cancelled: threading.Event, what: str, still: Callable[[], str]
     ) -> None:
         with self._gate:
-            self._gate.wait_for(lambda: not self._paused or cancelled.is_set())
-            if cancelled.is_set():
-                raise MotionFailed("cancelled", f"{what}: it was cancelled", started=False)
-            if why := still():
-                raise MotionFailed("stale", f"{what} was not started: {why}", started=False)
-            try:
-                self._daemon.call(self._parts.hold(message))
-            except RefusedError as refused:
-                raise MotionFailed("refused", f"{what}: the daemon refused it: {refused}", started=False) from refused
-            except Unreachable as silent:
-                raise MotionFailed("daemon_lost", f"{what}: {silent}") from silent
+            if (
+                self._action
+            ):  # a state was left in the middle of it: its joints are free once it stands, in simulated time, too
+                self._daemon.release_time()
+            self._gate.wait_for(lambda: not (self._paused or self._action) or cancelled.is_set())
+            gives_up = time.monotonic() + _MAKING_S
+            while True:
+                if cancelled.is_set():
+                    raise MotionFailed("cancelled", f"{what}: it was cancelled", started=False)
+                if why := still():
+                    raise MotionFailed("stale", f"{what} was not started: {why}", started=False)
+                try:
+                    self._daemon.call(self._parts.hold(message), timeout_s=_ANSWER_S)
+                    break
+                except RefusedError as refused:
+                    if refused.refusal.value != NOT_READY or time.monotonic() > gives_up:
+                        said = f"{what}: the daemon refused it: {refused}"
+                        raise MotionFailed("refused", said, started=False) from refused
+                except Unreachable as silent:
+                    raise MotionFailed("daemon_lost", f"{what}: {silent}") from silent
+                self._gate.wait(_AGAIN_S)  # others may pause and cancel meanwhile
+                self._gate.wait_for(lambda: not self._paused or cancelled.is_set())
             self._action, self._still = message.id, still
 
     def pause(self) -> None:

@@ -15,12 +15,14 @@ from statemachine.event import _event_data_kwargs
 from statemachine.exceptions import InvalidDefinition
 from statemachine.statemachine import StateChart
 
+from engines import nested
 from engines.activities import ACTIVITIES
 from engines.activities.base import SHAPES, Argument, Kind, goals_in
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_expressions import ProgramEvaluator
 from engines.text import fields
-from handrail.behaviour_file import SOME_ARM, BehaviourFile, find
+from handrail import compound_tasks
+from handrail.behaviour_file import SOME_ARM, BehaviourFile, find, with_frames
 from handrail.config import ConfigError
 
 ERROR_OUTPUTS = frozenset({"message", "reason", "source"})
@@ -191,6 +193,10 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
                 BehaviourFile(find(str(value)), SOME_ARM)
             except ConfigError as problem:
                 raise error(path, f"got {value!r}: {problem}") from problem
+        case Kind.COMPOUND:
+            _check_compound(program, path, value)
+        case Kind.LIST:
+            _check_list(program, path, argument, value)
         case Kind.NAME if not isinstance(value, str) or not value:
             raise error(path, f"got {value!r}; expected a name")
         case Kind.NAMES if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):
@@ -221,6 +227,35 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
                 _check_expression(program, path, value, frozenset())
                 if argument.kind is Kind.NUMBER and isinstance(program.variables.get(value), str):
                     raise error(path, f"{value} is a text; expected a number in {argument.unit or 'no unit'}")
+
+
+def _check_compound(program: Program, path: str, value: Any) -> None:
+    """The daemon tries it on the robot; here it has to be there, and its texts to have values."""
+    error, known = program.document.error, compound_tasks.everywhere()
+    if isinstance(value, dict):
+        if not isinstance(value.get("levels"), list):
+            raise error(f"{path}.levels", "missing; expected a list of levels, each a list of tasks")
+        for where, _, text in nested.parts(value, path):
+            _check_text(program, where, text, frozenset())
+    elif not isinstance(value, str) or ("{" not in value and value not in known):
+        expected = f"a compound task's name, of {', '.join(sorted(known))}, or its constraints and levels"
+        raise error(path, f"got {value!r}; expected {expected}")
+    else:
+        _check_text(program, path, value, frozenset())
+
+
+def _check_list(program: Program, path: str, argument: Argument, value: Any) -> None:
+    if not isinstance(value, list):
+        raise program.document.error(path, f"got {value!r}; expected a list")
+    for where, field, text in nested.parts(value, path):
+        if field in nested.INSTANCES:
+            _check_argument(program, where, Argument(Kind.INSTANCE), text)
+        elif nested.is_text(field):
+            _check_text(program, where, text, frozenset())
+        else:
+            _check_expression(program, where, text, frozenset())
+    meant = with_frames(nested.filled(value, lambda _: 1.0, str, str), SOME_ARM.frame)
+    program.document.converted(meant, argument.of, path)
 
 
 def _check_text(program: Program, path: str, text: str, outputs: Set[str]) -> None:

@@ -20,6 +20,7 @@ from statemachine.io.model import InvokeDefinition
 from statemachine.io.native import native_dict_to_definition
 from statemachine.io.yaml.reader import YAMLReader
 
+from engines import nested
 from engines.activities.base import SHAPES, Activity, ActivityFailed, Argument, Kind, goals_in
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_check import STOPPED
@@ -192,6 +193,10 @@ class Chart(Interpreter):
                 return getattr(self.data, given)
             case Kind.TEXT:
                 return self.words(given)
+            case Kind.COMPOUND:
+                return self._worded(given)
+            case Kind.LIST:
+                return nested.filled(given, self._value, self.words, lambda name: getattr(self.data, name))
             case Kind.NUMBER:
                 value = self._value(given)
                 if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
@@ -206,6 +211,9 @@ class Chart(Interpreter):
                         goal.instance = getattr(self.data, goal.instance)
                 return read
         return given
+
+    def _worded(self, given: Any) -> Any:
+        return nested.filled(given, self.words, self.words, self.words)
 
     def _value(self, expression: Any) -> Any:
         if not isinstance(expression, str):

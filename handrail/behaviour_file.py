@@ -110,6 +110,15 @@ class BehaviourFile:
         return outcome == "done" or leads.get(outcome) == "end"
 
 
+def with_frames(ends: list[Any], frame: str) -> list[Any]:
+    """End conditions, as a file has them, with the frame of those that are about one and name none."""
+    return [{"frame": frame, **end} if _about_frame(end) else end for end in ends]
+
+
+def _about_frame(end: Any) -> bool:
+    return isinstance(end, dict) and end.get("type") in _FRAMED
+
+
 def files() -> dict[str, Path]:
     """Every behaviour's name and file."""
     return workspace.files(workspace.search_path("behaviours", "rtc_programs", "behaviours"))
@@ -139,5 +148,5 @@ def _fill(step: dict[str, Any], file: dict[str, Any]) -> None:
     for end in ends if isinstance(ends, list) else []:
         if isinstance(end, dict) and "gripper" in file and end.get("type") in _OF_GRIPPERS:
             end.setdefault("gripper", file["gripper"])
-        if isinstance(end, dict) and "frame" in file and end.get("type") in _FRAMED:
+        if "frame" in file and _about_frame(end):
             end.setdefault("frame", file["frame"])

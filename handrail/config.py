@@ -68,12 +68,16 @@ class Document:
         node: Any = self.data
         for part in re.findall(r"[^.\[\]]+", path):
             node = node[int(part) if isinstance(node, list) else part]
+        return self.converted(node, kind, path)
+
+    def converted(self, node: Any, kind: type[_T], path: str) -> _T:
+        """What is meant by the part at `path`, as `kind`. Raises ConfigError, about the part as it stands there."""
         try:
             return msgspec.convert(plain(node), kind)
         except msgspec.ValidationError as error:
             text, _, where = str(error).partition(" - at `$")
             field = where.rstrip("`").lstrip(".")
-            field = f"{path}.{field}".strip(".") if path else field
+            field = f"{path}.{field}".strip(".").replace(".[", "[") if path else field
             field = self._named(field)
             missing = re.search(r"required field `([^`]+)`", text)
             if missing:

@@ -18,6 +18,7 @@ from msgspec import Meta
 Name = Annotated[str, Meta(min_length=1, max_length=128)]
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -981,8 +982,10 @@ class FixedPose(msgspec.Struct, tag="fixed", kw_only=True, forbid_unknown_fields
     """A task's frame is brought to `pose` and stays there: gone to at `speed` and `turn` at most, not jumped to."""
 
     task: Name
-    pose: Pose
-    """in the frame that the task is relative to"""
+    pose: Pose | None = None
+    """in the frame that the task is relative to; none: where it is at the start, and `shift`"""
+    shift: Vector = (0.0, 0.0, 0.0)
+    """m, on the axes of the frame that the task is relative to; only without `pose`"""
     speed: Positive = 0.25
     """m/s"""
     turn: Positive = 1.0
@@ -993,9 +996,11 @@ class FrameLine(msgspec.Struct, tag="line", kw_only=True, forbid_unknown_fields=
     """A task's frame goes in a straight line to `goal`, minimum-jerk in `duration` s, from where it is at the start."""
 
     task: Name
-    goal: Pose
-    """in the frame that the task is relative to"""
     duration: Positive
+    goal: Pose | None = None
+    """in the frame that the task is relative to; none: where it is at the start, and `shift`"""
+    shift: Vector = (0.0, 0.0, 0.0)
+    """m, on the axes of the frame that the task is relative to; only without `goal`"""
 
 
 class PostureKnots(msgspec.Struct, tag="knots", kw_only=True, forbid_unknown_fields=True):
@@ -1039,6 +1044,8 @@ class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_f
     """name of a compound task (docs/wbc.md), or its YAML text"""
     joints: list[Name] = []
     """that it moves; none: all of the robot's"""
+    frame: str = ""
+    """of the tasks and constraints that are about a frame and name none"""
     references: list[Reference] = []
     """at most one a task"""
     duration: NonNegative = 0.0

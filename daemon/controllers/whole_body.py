@@ -13,6 +13,7 @@ from daemon.controllers.references import HermitePath, LinePath, PathClock
 from daemon.state.robot_state import RobotState
 from daemon.wbc import moving
 from daemon.wbc.composition import CompoundTask
+from daemon.wbc.handle import Handle
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.impedance import ImpedanceOutput
 from daemon.wbc.model import WholeBodyModel
@@ -153,7 +154,8 @@ class WholeBodyControl(MotionController):
         match reference:
             case m.FrameLine():
                 position, rotation = (part.copy() for part in handle.reference)
-                path = LinePath(rotation, position, _placement(reference.goal), reference.duration)
+                goal = _placement(reference.goal, handle, reference.shift)
+                path = LinePath(rotation, position, goal, reference.duration)
                 return FrameTrajectory(handle, path, self._period, self.clock)
             case m.PostureKnots():
                 joints = robot.kinematics.description.index(tuple(reference.joints))
@@ -174,7 +176,7 @@ class WholeBodyControl(MotionController):
                 self._streams[reference.task] = stream
                 return stream
         fixed = StreamedPose(handle, self._period, speed=reference.speed, turn=reference.turn, clock=self.clock)
-        goal = _placement(reference.pose)
+        goal = _placement(reference.pose, handle, reference.shift)
         fixed.receive(goal.translation, goal.rotation)
         return fixed
 
@@ -199,5 +201,8 @@ def _longest(references: Sequence[m.Reference]) -> float:
     return max(lengths, default=float("inf"))
 
 
-def _placement(pose: m.Pose) -> pin.SE3:
+def _placement(pose: m.Pose | None, handle: Handle, shift: m.Vector) -> pin.SE3:
+    if pose is None:
+        position, rotation = handle.reference
+        return pin.SE3(rotation.copy(), position + np.array(shift))
     return pin.SE3(pin.Quaternion(np.array(pose.orientation)).normalized().matrix(), np.array(pose.position))

@@ -9,18 +9,17 @@ from __future__ import annotations
 import importlib
 import threading
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
 from daemon.serving.validation import check_all_finite, check_knots, check_quaternion, nearest
+from handrail import compound_tasks
 from handrail import messages as m
 from handrail.config import ConfigError
 from handrail.robot.description import RobotDescription
 from handrail.topics import refuse
-from handrail.workspace import search_path
 
 if TYPE_CHECKING:
     from daemon.wbc.composition import CompoundTask
@@ -63,7 +62,9 @@ class WholeBodyDoor:
         moved = set(motion.joints or self._description.joints)
         led = [joint for joint in self._description.joints if joint not in moved]
         try:
-            compound = composition.find(motion.compound, folders(self._description), self._model, led)
+            compound = composition.find(
+                motion.compound, compound_tasks.folders(self._description.folder), self._model, led, motion.frame
+            )
         except ConfigError as error:
             at = f"line {error.line}" if error.line else motion.compound.splitlines()[0]
             raise refuse(str(error), "motion.compound", at, "a compound task that fits this robot") from error
@@ -103,22 +104,22 @@ class WholeBodyDoor:
         if isinstance(reference, m.PostureKnots):
             check_knots(reference, field, position, self._description, largest_payload=largest_payload)
         elif isinstance(reference, m.FixedPose):
-            _check_pose(reference.pose, f"{field}.pose")
+            _check_goal(reference.pose, reference.shift, field, "pose")
         elif isinstance(reference, m.FrameLine):
-            _check_pose(reference.goal, f"{field}.goal")
+            _check_goal(reference.goal, reference.shift, field, "goal")
         for name in ("duration", "speed", "turn", "stale"):
             check_all_finite(np.array(getattr(reference, name, 0.0)), f"{field}.{name}")
 
 
-def folders(description: RobotDescription) -> list[Path]:
-    """Where compound tasks are found: the user's, the robot's, Handrail's."""
-    *own, built_in = search_path("compound_tasks", "daemon", "compound_tasks")
-    return [*own, description.folder / "compound_tasks", built_in]
-
-
-def _check_pose(pose: m.Pose, field: str) -> None:
-    check_all_finite(np.array(pose.position), f"{field}.position")
-    check_quaternion(pose.orientation, f"{field}.orientation")
+def _check_goal(pose: m.Pose | None, shift: m.Vector, field: str, name: str) -> None:
+    check_all_finite(np.array(shift), f"{field}.shift")
+    if pose is not None:
+        check_all_finite(np.array(pose.position), f"{field}.{name}.position")
+        check_quaternion(pose.orientation, f"{field}.{name}.orientation")
+    if pose is not None and any(shift):
+        raise refuse(
+            "a reference goes somewhere, or by so much", f"{field}.shift", str(shift), f"no shift with a {name}"
+        )
 
 
 def _check_ends(ends: Sequence[m.EndCondition], compound: CompoundTask) -> None:

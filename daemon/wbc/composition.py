@@ -19,6 +19,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, get_args
 
 import msgspec
 
@@ -30,6 +31,11 @@ from daemon.wbc.tasks import AnyTask, Task
 from handrail import config, workspace
 
 _NAME = re.compile(r"[\w.-]+")
+_FRAMED = {
+    str(kind.__struct_config__.tag)
+    for kind in (*get_args(AnyTask), *get_args(AnyConstraint))
+    if "frame" in kind.__struct_fields__
+}
 
 
 class CompoundTask(msgspec.Struct, forbid_unknown_fields=True):
@@ -65,9 +71,12 @@ def load_on(file: Path | str, model: WholeBodyModel) -> WholeBody:
     return _on(document, _merged(document, ()), model)
 
 
-def find(text: str, folders: Sequence[Path], model: WholeBodyModel, led: Sequence[str] = ()) -> CompoundTask:
+def find(
+    text: str, folders: Sequence[Path], model: WholeBodyModel, led: Sequence[str] = (), frame: str = ""
+) -> CompoundTask:
     """The compound task of this name in `folders`, the first of which counts, or with this YAML text, which may extend one of
-    them. Raises config.ConfigError with file and line; it has been tried on `model`, with `led` moved by others."""
+    them; `frame`: of what names none. Raises config.ConfigError with file and line; it has been tried on `model`, with `led` moved
+    by others."""
     known = workspace.files(list(folders))
     if _NAME.fullmatch(text):
         if text not in known:
@@ -77,7 +86,7 @@ def find(text: str, folders: Sequence[Path], model: WholeBodyModel, led: Sequenc
         document = config.read(known[text])
     else:
         document = config.parse(text, Path("compound"))
-    compound = _merged(document, (), known)
+    compound = _merged(document, (), known, frame)
     _on(document, compound, model, led)
     return compound
 
@@ -90,9 +99,14 @@ def _on(document: config.Document, compound: CompoundTask, model: WholeBodyModel
 
 
 def _merged(
-    document: config.Document, above: tuple[Path, ...], known: Mapping[str, Path] = MappingProxyType({})
+    document: config.Document,
+    above: tuple[Path, ...],
+    known: Mapping[str, Path] = MappingProxyType({}),
+    frame: str = "",
 ) -> CompoundTask:
     """With what it extends: a file beside it, or one of those `known` by name."""
+    if frame:
+        _fill(document.data, frame)
     read, file = document.convert(_File), document.file
     own = CompoundTask(read.name or file.stem, read.constraints, read.levels)
     if not read.extends:
@@ -102,4 +116,13 @@ def _merged(
         raise document.error("extends", f"{read.extends} extends this file; expected no circle")
     if not base.is_file():
         raise document.error("extends", f"no such file: {base}")
-    return _merged(config.read(base), (*above, file.resolve()), known).below(own)
+    return _merged(config.read(base), (*above, file.resolve()), known, frame).below(own)
+
+
+def _fill(node: Any, frame: str) -> None:
+    """Whatever is about a frame and names none is about this one."""
+    if isinstance(node, dict) and node.get("task", node.get("constraint")) in _FRAMED:
+        node.setdefault("frame", frame)
+    elif isinstance(node, dict | list):
+        for part in node.values() if isinstance(node, dict) else node:
+            _fill(part, frame)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from engines.activities.base import Activity
 from engines.activities.behave import BehaveActivity
+from engines.activities.control import ControlActivity
 from engines.activities.execute import ExecuteActivity
 from engines.activities.plan import PlanActivity
 from engines.activities.prompt import PromptActivity
@@ -17,4 +18,5 @@ ACTIVITIES: Mapping[str, type[Activity]] = {
     "prompt": PromptActivity,
     "retreat": RetreatActivity,
     "behave": BehaveActivity,
+    "control": ControlActivity,
 }

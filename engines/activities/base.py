@@ -33,6 +33,10 @@ class Kind(Enum):
     """the name of a resource of kind instance"""
     BEHAVIOUR = "behaviour"
     """the name of a behaviour (handrail.behaviour_file)"""
+    COMPOUND = "compound task"
+    """the name of a compound task (docs/wbc.md), or a mapping with its constraints and levels; texts in it"""
+    LIST = "list"
+    """a list of mappings as `Argument.of` has them, with expressions where numbers stand"""
     NAME = "name"
     """a plain name"""
     NAMES = "names"
@@ -60,6 +64,8 @@ class Argument:
     default: Any = None
     choices: tuple[str, ...] = ()
     unit: str = ""
+    of: Any = None
+    """LIST: a msgspec type"""
 
 
 SHAPES: Mapping[Kind, Any] = {Kind.GOALS: list[Goal], Kind.KEY_FRAMES: list[KeyFrame]}

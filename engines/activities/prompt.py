@@ -24,8 +24,9 @@ class PromptActivity(Activity):
     outputs = frozenset({"answer", "by"})
 
     def run(self) -> dict[str, Any]:
-        # Simulated time waits for a quick answer (a script's), not for a person's.
-        self.services.daemon.hold_time(min(_HOLD_S, self.context.hold_s))
+        if self.values["severity"] != "info":
+            # Simulated time waits for a quick answer (a script's), not for a person's.
+            self.services.daemon.hold_time(min(_HOLD_S, self.context.hold_s))
         self._id = f"prompt-{uuid.uuid4().hex[:10]}"
         values = self.values
         self.services.prompts.ask(

@@ -161,6 +161,8 @@ class FakeDaemon:
     def _start(self, action: m.StartAction | m.StartBehaviour) -> None:
         motion = action.motion if isinstance(action, m.StartAction) else action.steps[0].motion
         self.leases.check(action.owner, motion.joints, action.lease, action.sequence)  # type: ignore[union-attr]
+        if self.action is not None:
+            raise refuse("claimed by a running action", "joints", self.action.id, "joints that nobody else claims")
         if isinstance(action, m.StartAction) and isinstance(action.motion, m.JointTrajectory):
             first = np.array(action.motion.positions[0])
             if np.abs(first - self.command[: len(first)]).max() > 0.02:
@@ -183,7 +185,7 @@ class FakeDaemon:
             at = np.interp(share, np.linspace(0, 1, len(knots)), np.arange(len(knots)))
             for k in range(knots.shape[1]):
                 self.command[k] = np.interp(at, np.arange(len(knots)), knots[:, k])
-        elif motion is not None:
+        elif isinstance(motion, m.CartesianImpedance):
             self.command[1] = motion.goal_in_world.position[0] - HINGE[0]
         self._push(begin)
         self._event("ended", outcome)

@@ -260,7 +260,7 @@ class Mute:
     def __init__(self):
         self.calls, self.answers = [], True
 
-    def call(self, message):
+    def call(self, message, timeout_s=2.0):
         self.calls.append(message)
         if not self.answers:
             raise Unreachable("no answer")

@@ -53,7 +53,10 @@ def test_any_that_is_there_may_be_the_start(own: Path) -> None:
     [
         (("program", "my-program"), "my-program: not a name; expected letters"),
         (("program", "press"), "press.yaml: is there already"),
-        (("program", "mine", "--like", "dig"), "--like dig: no such program; expected one of press, turn_valve"),
+        (
+            ("program", "mine", "--like", "dig"),
+            "--like dig: no such program; expected one of follow, press, turn_valve",
+        ),
         (("controller", "mine", "--like", "base"), "--like base: no such controller; expected one of gravity_"),
         (("workspace", "."), ".: is there and not empty"),
     ],

@@ -1,16 +1,20 @@
 """Pulling cables: what the robot really does when a process dies in mid-turn. Judged by the plant's ground truth."""
 
+import queue
 import subprocess
 import sys
 import threading
 import time
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from hal.drives.lifecycle import DriveError
 from handrail import messages
 from handrail.messages import ActionEvent, DaemonStatus, RunState
+from handrail.robot import description as robot_description
+from handrail.robot.kinematics import Kinematics
 from handrail.topics import Caller, RefusedError, Subscriber
 
 pytestmark = [pytest.mark.stack, pytest.mark.timeout(700)]
@@ -220,3 +224,39 @@ def test_a_moved_template_makes_its_plan_stale_and_the_plan_is_refused(calm_stac
     assert "wheel_1" in robot.get_plan(plan.id).stale_because
     with pytest.raises(RefusedError, match="wheel_1"):
         robot.execute_plan(plan.id)
+
+
+def test_a_tool_goes_along_with_a_template_that_is_moved_until_the_operator_has_seen_enough(calm_stack):
+    """rtc_programs/follow.yaml with the left arm: whole-body control by a program, judged by the plant."""
+    robot, truth = calm_stack.robot, calm_stack.truth()
+    description = robot_description.load("talos_upper")
+    kinematics = Kinematics(description)
+
+    def tip(sample):
+        return kinematics.frame(np.array([sample.joints[joint] for joint in description.joints]), "tool_left_tip")
+
+    told = queue.SimpleQueue()
+    robot.on(messages.Prompt, told.put)
+    robot.on(messages.RunState, lambda run: told.put(run) if run.status in ("succeeded", "failed") else None)
+    start = tip(truth.now())
+    first, then = np.array([0.0, -0.02, 0.04]), np.array([0.04, -0.04, 0.06])
+
+    def place(by):
+        return messages.Pose(position=tuple((start.translation + by + [0.1, 0.0, 0.0]).tolist()))
+
+    def arrived(by):
+        return lambda sample: np.linalg.norm(tip(sample).translation - start.translation - by) < 3e-3
+
+    robot.place_instance("guide_1", "wheel", place(first))
+    robot.run(robot.deploy("follow", {"arm": "left", "guide": "guide_1"}))
+    prompt = told.get(timeout=120)
+    assert isinstance(prompt, messages.Prompt), prompt
+    truth.until(arrived(first), "the tool before the template")
+    robot.move_instance("guide_1", place(then))
+    there = truth.until(arrived(then), "the tool before the template where it was moved to")
+    assert np.linalg.norm(pin.log3(start.rotation.T @ tip(there).rotation)) < 0.05, "rad: and upright"
+    robot.answer(prompt.id, "enough")
+    run = told.get(timeout=60)
+    assert run.status == "succeeded", run.detail
+    down = then - np.array([0.0, 0.0, 0.03])
+    truth.until(arrived(down), "the tool down by as much as it rose")

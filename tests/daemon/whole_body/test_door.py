@@ -15,9 +15,10 @@ from daemon.exchange import Answer, Kind, PreparedMotion
 from daemon.replay.player import Replay
 from daemon.replay.recorded_loop import cycles
 from daemon.replay.tape import TapeReader
-from daemon.serving.whole_body_door import WholeBodyDoor, folders
+from daemon.serving.whole_body_door import WholeBodyDoor
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.tasks import SE3
+from handrail import compound_tasks
 from handrail.messages import (
     DivergenceEnd,
     FixedPose,
@@ -112,10 +113,10 @@ def test_compound_tasks_have_names_and_a_text_may_extend_one(door, talos, monkey
 
 
 def test_every_compound_task_that_comes_with_handrail_fits_its_robot(door, talos) -> None:
-    names = [file.stem for folder in folders(talos) for file in folder.glob("*.yaml")]
+    names = [file.stem for folder in compound_tasks.folders(talos.folder) for file in folder.glob("*.yaml")]
     assert names
     for name in names:
-        door.checked(call(name), talos.home_position(), 1 << 18)
+        door.checked(call(name, frame="tool_right_tip"), talos.home_position(), 1 << 18)
 
 
 def test_what_is_prepared_started_and_streamed_comes_through_the_mailbox_as_it_was_sent() -> None:

@@ -1,0 +1,117 @@
+"""`do: control`: whole-body control of an arm, a compound task under its constraints, for as long as the state lasts."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from affordance_templates.instance import Instance
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.motion import MotionFailed
+from handrail.behaviour_file import with_frames
+from handrail.config import plain
+from handrail.messages import (
+    EndCondition,
+    FixedPose,
+    FrameLine,
+    Name,
+    PoseStream,
+    PostureKnots,
+    Reference,
+    StreamPose,
+    Vector,
+    WholeBody,
+)
+from handrail.topics import RefusedError, Unreachable
+
+
+class Followed(PoseStream, tag="stream", kw_only=True, forbid_unknown_fields=True):
+    """A task's frame goes with a point of an instance, wherever that is moved meanwhile; its orientation stays."""
+
+    follow: Name
+    point: Vector = (0.0, 0.0, 0.0)
+    """m, in the template's frame"""
+
+
+References = list[FixedPose | FrameLine | PostureKnots | Followed]
+
+
+class ControlActivity(Activity):
+    """Runs a compound task with the joints of an arm, from where they are. Done with `outcome`: `done`, or the end condition that
+    ended it.
+    """
+
+    arguments = {
+        "compound": Argument(Kind.COMPOUND),
+        "arm": Argument(Kind.ARM),
+        "references": Argument(Kind.LIST, required=False, default=(), of=References),
+        "ends": Argument(Kind.LIST, required=False, default=(), of=list[EndCondition]),
+        "duration": Argument(Kind.NUMBER, required=False, default=0.0, unit="s"),
+        "stiffness": Argument(Kind.NUMBER, required=False, default=0.5),
+        "damping": Argument(Kind.NUMBER, required=False, default=1.0),
+    }
+    outputs = frozenset({"outcome"})
+
+    def run(self) -> dict[str, Any]:
+        values, arm = self.values, self.services.description.arms[self.values["arm"]]
+        given = values["compound"]
+        try:
+            references = msgspec.convert(plain(list(values["references"])), References)
+            ends = msgspec.convert(plain(with_frames(list(values["ends"]), arm.tip)), list[EndCondition])
+            motion = msgspec.convert(
+                {
+                    "compound": given if isinstance(given, str) else json.dumps(plain(given)),
+                    "joints": list(arm.joints),
+                    "frame": arm.tip,
+                    **{name: values[name] for name in ("duration", "stiffness", "damping")},
+                },
+                WholeBody,
+            )
+        except msgspec.ValidationError as problem:
+            raise ActivityFailed("bad_argument", f"control: {problem}") from problem
+        followed = [reference for reference in references if isinstance(reference, Followed)]
+        motion = msgspec.structs.replace(motion, references=[_sent(reference) for reference in references])
+        self._places: dict[str, Vector] = {}
+        what = given if isinstance(given, str) else str(given.get("name", "control"))
+        try:
+            ended = self.context.motion.run(
+                motion,
+                ends,
+                self.cancelled,
+                what=what,
+                meanwhile=(lambda action: self._stream(action, followed)) if followed else None,
+            )
+        except MotionFailed as failed:
+            raise ActivityFailed(failed.reason, str(failed)) from failed
+        return {"outcome": ended.outcome}
+
+    def _stream(self, action: str, followed: list[Followed]) -> None:
+        """Tell the loop where what is followed has gone; what was removed stands where it was."""
+        for reference in followed:
+            with contextlib.suppress(
+                RefusedError, Unreachable
+            ):  # removed, the motion has just ended, or the daemon has
+                here = _point(self.services.affordances.get(reference.follow), reference.point)
+                if self._places.get(reference.task) != here:
+                    self.services.daemon.call(StreamPose(id=action, task=reference.task, position=here))
+                    self._places[reference.task] = here
+
+    def cancel(self) -> None:
+        super().cancel()
+        self.context.motion.interrupt()
+
+
+def _sent(reference: FixedPose | FrameLine | PostureKnots | Followed) -> Reference:
+    """As the daemon takes it."""
+    if not isinstance(reference, Followed):
+        return reference
+    return PoseStream(task=reference.task, stale=reference.stale, speed=reference.speed, turn=reference.turn)
+
+
+def _point(instance: Instance, point: Vector) -> Vector:
+    x, y, z = (np.array(instance.pose_in_world.position) + instance.rotation @ np.array(point)).tolist()
+    return x, y, z

@@ -268,7 +268,9 @@ class ActionTable:
         joints, clock = action.controller.joints, action.controller.clock
         seen = followed(joints, last.position, self._robot.joints)
         lag = action.controller.lag
-        if trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places, lag):
+        if action.ends and (
+            trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places, lag)
+        ):
             action.outcome = Outcome.CONDITION
             action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
             return True

@@ -113,27 +113,30 @@ class HermitePath:
 
     def __init__(self, times: Array, positions: Array, velocities: Array):
         """`times` (k,) s, increasing from 0; `positions`, `velocities` (k, m) rad, rad/s."""
-        self._knots = np.column_stack(
+        self.knots = np.column_stack(
             (times, positions, velocities)
         )  # one table: an array more costs a kernel's call more
-        self._at = 0
+        """(k, 1 + 2 m)"""
+        self.at = 0
+        """the knot before s, as of the last evaluation"""
         self.length = float(times[-1])
 
     def evaluate(self, s: float, position: Array, velocity: Array) -> None:
         """Write position (m,) rad and its derivative by s (m,) rad/s; s only grows from call to call, beyond the end it stays."""
-        self._at = _hermite(s, self._at, self._knots, position, velocity)
+        self.at = hermite(s, self.at, self.knots, position, velocity)
 
     def room(self, limits: Array) -> tuple[float, float]:
         """The rate's acceleration 1/s and jerk 1/s² for which the pieces from here on leave room.
 
         `limits` (2, m): rad/s² and rad/s³ that the joints may do.
         """
-        change = _room(self._at, self._knots, limits, np.inf)
-        return change, _room(self._at, self._knots, limits, min(change, _MAX_RATE_CHANGE))
+        change = _room(self.at, self.knots, limits, np.inf)
+        return change, _room(self.at, self.knots, limits, min(change, _MAX_RATE_CHANGE))
 
 
 @compiled
-def _hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
+def hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
+    """HermitePath.evaluate; returns the knot before s."""
     last, m = knots.shape[0] - 1, position.shape[0]
     if s >= knots[last, 0]:
         position[:] = knots[last, 1 : 1 + m]

@@ -78,15 +78,15 @@ class WholeBodyControl(MotionController):
         self._output = ImpedanceOutput(len(self.joints), period, rows=self._rows)
         drives = np.array((motion.stiffness * gains.stiffness, motion.damping * gains.damping))
         self._drives = np.ascontiguousarray(drives[:, self.joints])
-        self._references: list[Reference] = []
         self._streams: dict[str, StreamedPose] = {}
         tasks = [task for level in compound.levels for task in level]
         framed = [task for task in tasks if isinstance(task, CartPos | QuaternionOrientation | SE3)]
         self._handles = [self.body[task.title] for task in framed]
-        self._leashes = Leashes(self.body, [], REACH, TURN)
+        self._leashes = Leashes(self.body, [], [], self.clock, REACH, TURN)
         self._by_frame = {
             task.frame: (place, task) for place, task in enumerate(framed) if isinstance(task, CartPos | SE3)
         }
+        self._solution = self.body.memory["out"]
         self._unsolved = 0
 
     @property
@@ -107,36 +107,27 @@ class WholeBodyControl(MotionController):
         else:
             self._model.place(last.position, still)
         self.body.start_here()
-        self._references = [self._reference(reference, robot, last) for reference in self._motion.references]
-        self._references += [
+        references = [self._reference(reference, robot, last) for reference in self._motion.references]
+        references += [
             Over(self.body[task.title], self._model, task.over, self._period)
             for level in self._compound.levels
             for task in level
             if isinstance(task, COM) and task.over
         ]
-        self._leashes = Leashes(self.body, self._handles, REACH, TURN)
+        self._leashes = Leashes(self.body, self._handles, references, self.clock, REACH, TURN)
         self._output.start(last.position[self.joints], last.velocity[self.joints])
         self._seen[0], self._seen[1] = last.velocity[self._others], 0.0
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
-        self.clock.advance()
-        self._leashes.give()
-        for reference in self._references:
-            reference.advance()
-        self._leashes.take()
-        joints, model, output = robot.joints, self._model, self._output
-        model.place(joints.position, joints.velocity, robot.base.pose, robot.base.twist)
-        position, velocity = joints.position, joints.velocity
+        self._leashes.advance()
+        joints, output = robot.joints, self._output
+        self._model.place(joints.position, joints.velocity, robot.base.pose, robot.base.twist)
         if len(self._others):
             moving.follow_others(out.velocity, self._others, self._seen, self._period, _SETTLE, _HARDEST)
             self.body.lead(self._seen[1])
-            position, velocity = position[self.joints], velocity[self.joints]
-        result = self.body.solve()
-        self._unsolved = 0 if result.solved else self._unsolved + 1
-        output.advance(result.acceleration, position, velocity)
-        moving.set_points(
-            output.desired, result.torque, self._rows, self._drives, self.joints, _IMPEDANCE, out.table, out.mode
-        )
+        self._unsolved = 0 if self.body.solve().solved else self._unsolved + 1
+        told = (joints.table, self._drives, self.joints, _IMPEDANCE, out.table, out.mode)
+        moving.tell(output.desired, *output.settings, self._solution, self._rows, *told)
 
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
         stream = self._streams.get(task)

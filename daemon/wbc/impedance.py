@@ -25,7 +25,7 @@ class ImpedanceOutput:
         if not 0.0 <= leak * period < 1.0:
             raise ValueError(f"leak: got {leak:g} 1/s at a period of {period:g} s; expected their product from 0 to 1")
         self._rows: Integers = np.arange(joints) if rows is None else rows
-        self._settings = period, leak, within
+        self.settings = period, leak, within
         self.desired = np.zeros((2, joints))
         self.position, self.velocity = self.desired
         """rad, rad/s (n,): desired"""
@@ -36,4 +36,4 @@ class ImpedanceOutput:
 
     def advance(self, acceleration: Array, position: Array, velocity: Array) -> None:
         """One period on: q̈ of the solver, the measured position and velocity (n,). What is not finite changes nothing."""
-        moving.lead(self.desired, acceleration, self._rows, position, velocity, *self._settings)
+        moving.lead(self.desired, acceleration, self._rows, position, velocity, *self.settings)

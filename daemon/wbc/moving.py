@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from daemon.controllers.references import hermite
 from daemon.wbc import layout as at
 from daemon.wbc.vectors import (
     FAST,
@@ -33,6 +34,8 @@ HERE_P, HERE_R, SENT_P, SENT_R, SENT_V, AGE, PERIOD, STALE, GAIN, SPEED, TURN, S
 """a stream: the reference, what was sent, how long ago, settings"""
 WANTED_P, WANTED_R, SHORT, SEEN_P, SEEN_R, OFF, LEASH = 0, 3, 12, 13, 16, 25, 28
 """a leash: the pose that is wanted, 1 where the task's is nearer, the pose measured last, what lies between the positions"""
+_SHORTER = 0.9
+"""share of a leash that is taken in where levels are damped"""
 
 
 @compiled(fastmath=FAST, error_model="numpy")
@@ -53,13 +56,18 @@ def follow_line(state, s, rate, task):  # type: ignore[no-untyped-def]
         state[LINE_V + i] = velocity
 
 
-@compiled(fastmath=FAST, error_model="numpy")
-def follow_knots(followed, rate, period, rows, posture):  # type: ignore[no-untyped-def]
-    """A posture's reference: followed (3, n) is position, its derivative by s, the velocity of the cycle before."""
+@compiled
+def follow_knots(knots, at_knot, s, rate, followed, period, rows, posture):  # type: ignore[no-untyped-def]
+    """A posture's reference at path parameter s of a HermitePath; returns the knot before s.
+
+    followed (3, n): position, its derivative by s, the velocity of the cycle before.
+    """
+    at_knot = hermite(s, at_knot, knots, followed[0], followed[1])
     for i in range(rows.shape[0]):
         c, velocity = rows[i], rate * followed[1, i]
         posture[0, c], posture[1, c], posture[2, c] = followed[0, i], velocity, (velocity - followed[2, i]) / period
         followed[2, i] = velocity
+    return at_knot
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -94,8 +102,8 @@ def follow_stream(state, rate, task):  # type: ignore[no-untyped-def]
     put(task, at.REF_V + 3, angular)
 
 
-@compiled(fastmath=FAST, error_model="numpy")
-def give(parameters, tasks, kept):  # type: ignore[no-untyped-def]
+@njit(fastmath=FAST, error_model="numpy")
+def _give(parameters, tasks, kept):  # type: ignore[no-untyped-def]
     """Put references back to what is wanted, and note where their frames were measured last."""
     for i in range(tasks.shape[0]):
         task, leash = parameters[tasks[i]], kept[i]
@@ -107,8 +115,8 @@ def give(parameters, tasks, kept):  # type: ignore[no-untyped-def]
             put(task, at.REF_R, nine(leash, WANTED_R))
 
 
-@compiled(fastmath=FAST, error_model="numpy")
-def take(parameters, tasks, kept, reach, widest):  # type: ignore[no-untyped-def]
+@njit(fastmath=FAST, error_model="numpy")
+def _take(parameters, tasks, kept, reach, widest):  # type: ignore[no-untyped-def]
     """Shorten references to within `reach` m, `widest` rad of where their frames were measured, and keep what was wanted."""
     for i in range(tasks.shape[0]):
         task, leash = parameters[tasks[i]], kept[i]
@@ -125,6 +133,25 @@ def take(parameters, tasks, kept, reach, widest):  # type: ignore[no-untyped-def
             put(task, at.REF_P, add(seen, times(reach / far, off)))
         if wide > widest:
             put(task, at.REF_R, product(rotation_of(times(widest / wide, turn)), seen_rotation))
+
+
+@compiled(fastmath=FAST, error_model="numpy")
+def follow(parameters, kept, lines, streams, tasks, s, rate, settings, reach, widest):  # type: ignore[no-untyped-def]
+    """A whole compound task's references one period on, see references.Leashes: given back, moved, taken in again.
+
+    `tasks`: rows of `parameters`, those on leashes first, then the lines', then the streams'. `settings`: the solver's.
+    """
+    leashed, first = tasks[: kept.shape[0]], kept.shape[0]
+    _give(parameters, leashed, kept)
+    for i in range(lines.shape[0]):
+        follow_line(lines[i], s, rate, parameters[tasks[first + i]])
+    first += lines.shape[0]
+    for i in range(streams.shape[0]):
+        follow_stream(streams[i], rate, parameters[tasks[first + i]])
+    share = 1.0
+    if settings[at.MOST_DAMPING] > 0.0:
+        share -= _SHORTER * settings[at.DAMPING] / settings[at.MOST_DAMPING]
+    _take(parameters, leashed, kept, share * reach, share * widest)
 
 
 @compiled
@@ -154,23 +181,30 @@ def follow_others(velocity, joints, seen, period, settle, most):  # type: ignore
 
 
 @compiled
-def set_points(desired, torque, rows, gains, joints, code, table, mode):  # type: ignore[no-untyped-def]
-    """The robot's joints `joints` are told position, velocity, torque, stiffness, damping; gains (2, n)."""
-    for i in range(rows.shape[0]):
+def tell(desired, period, leak, within, solution, rows, measured, gains, joints, code, table, mode):  # type: ignore[no-untyped-def]
+    """`desired` one period on, and the robot's joints `joints` told it, with their torque, stiffness and damping.
+
+    `solution`: q̈ and τ in its first two rows; `measured`: JointState.table; `gains` (2, m); `table`, `mode`: a JointCommand's.
+    """
+    position, velocity = np.empty(joints.shape[0]), np.empty(joints.shape[0])
+    for i in range(joints.shape[0]):
+        position[i], velocity[i] = measured[0, joints[i]], measured[1, joints[i]]
+    lead(desired, solution[0], rows, position, velocity, period, leak, within)
+    for i in range(joints.shape[0]):
         j = joints[i]
-        table[0, j], table[1, j], table[2, j] = desired[0, i], desired[1, i], torque[rows[i]]
+        table[0, j], table[1, j], table[2, j] = desired[0, i], desired[1, i], solution[1, rows[i]]
         table[3, j], table[4, j], mode[j] = gains[0, i], gains[1, i], code
 
 
 def warm_up(joints: int) -> None:
     """Compile (or load) all of it: before a loop starts."""
-    task, parameters, tasks = np.zeros(at.PARAMETERS_WIDTH), np.zeros((1, at.PARAMETERS_WIDTH)), np.zeros(1, np.int64)
+    task, parameters, tasks = np.zeros(at.PARAMETERS_WIDTH), np.zeros((1, at.PARAMETERS_WIDTH)), np.zeros(3, np.int64)
     two, rows, mode = np.zeros((2, joints)), np.arange(joints), np.zeros(joints, np.uint8)
     follow_line(np.ones(LINE), 0.0, 1.0, task)
-    follow_knots(np.zeros((3, joints)), 1.0, 1.0, rows, np.zeros((6, joints)))
+    follow_knots(np.eye(2, 1 + 2 * joints), 0, 0.0, 1.0, np.zeros((3, joints)), 1.0, rows, np.zeros((6, joints)))
     follow_stream(np.zeros(STREAM), 1.0, task)
-    give(parameters, tasks, np.zeros((1, LEASH)))
-    take(parameters, tasks, np.zeros((1, LEASH)), 1.0, 1.0)
+    moved = (np.zeros((1, LEASH)), np.ones((1, LINE)), np.zeros((1, STREAM)), tasks)
+    follow(parameters, *moved, 0.0, 1.0, np.zeros(at.SETTINGS_WIDTH), 1.0, 1.0)
     lead(two, two[0], rows, two[0], two[0], 1.0, 0.0, 1.0)
     follow_others(two[0], rows, two, 1.0, 1.0, 1.0)
-    set_points(two, two[0], rows, two, rows, 0, np.zeros((5, joints)), mode)
+    tell(two, 1.0, 0.0, 1.0, two, rows, np.zeros((4, joints)), two, rows, 0, np.zeros((5, joints)), mode)

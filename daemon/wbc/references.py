@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -23,16 +22,6 @@ from daemon.wbc.memory import Array
 from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.tasks import rotation as rotation_of
 
-_SHORTER = 0.9
-"""share of a leash that is taken in where levels are damped"""
-
-
-class Reference(Protocol):
-    """Writes a task's reference; to be called once a cycle, before `solve`."""
-
-    def advance(self) -> None:
-        """One period on."""
-
 
 class FrameTrajectory:
     """A straight line of a frame's pose, minimum-jerk in time; for CartPos, QuaternionOrientation and SE3."""
@@ -41,15 +30,16 @@ class FrameTrajectory:
         """`period`: of the loop, s; `clock`: shared with others; none: one of its own."""
         self._own = clock is None
         self.clock = PathClock(path.length, period) if clock is None else clock
-        self._parameters = handle.parameters
+        self._parameters, self.task = handle.parameters, handle.number
         start = (path.rotation.ravel(), path.translation, path.shift, path.turn)
-        self._state = np.concatenate((*start, np.zeros(6), (path.length, period)))
+        self.state = np.concatenate((*start, np.zeros(6), (path.length, period)))
+        """of the kernel (moving.LINE); Leashes lays it beside those of others"""
 
     def advance(self) -> None:
         clock = self.clock
         if self._own:
             clock.advance()
-        moving.follow_line(self._state, clock.s, clock.rate, self._parameters)
+        moving.follow_line(self.state, clock.s, clock.rate, self._parameters)
 
 
 class JointTrajectory:
@@ -61,15 +51,14 @@ class JointTrajectory:
         self.clock = PathClock(path.length, period) if clock is None else clock
         self._path, self._period, self._posture, self._rows = path, period, handle.posture, handle.joint_rows
         self._followed = np.zeros((3, joints))
-        self._position, self._velocity = self._followed[:2]
 
     def advance(self) -> None:
         clock, path = self.clock, self._path
         if self._own:
             clock.advance()
-        path.evaluate(clock.s, self._position, self._velocity)
         rate = clock.rate if clock.s < path.length else 0.0
-        moving.follow_knots(self._followed, rate, self._period, self._rows, self._posture)
+        followed = (self._followed, self._period, self._rows, self._posture)
+        path.at = moving.follow_knots(path.knots, path.at, clock.s, rate, *followed)
 
 
 class Over:
@@ -116,16 +105,17 @@ class StreamedPose:
         clock: PathClock | None = None,
     ):
         """`period` s of the loop; `stale`, `settle` s; `speed` m/s; `turn` rad/s."""
-        self._parameters, self._clock = handle.parameters, clock
+        self._parameters, self.task, self._clock = handle.parameters, handle.number, clock
         position, rotation = handle.reference
         settings = (period, stale, 1.0 / max(settle, period), speed, turn)
         pose = (position, rotation.ravel())
-        self._state = np.concatenate((*pose, *pose, np.zeros(7), settings))
+        self.state = np.concatenate((*pose, *pose, np.zeros(7), settings))
+        """of the kernel (moving.STREAM), as above"""
 
     @property
     def silent(self) -> bool:
         """Nothing has come for longer than `stale` s."""
-        return bool(self._state[moving.AGE] > self._state[moving.STALE])
+        return bool(self.state[moving.AGE] > self.state[moving.STALE])
 
     def receive(
         self, position: Array | None = None, rotation: Array | None = None, velocity: Array | None = None
@@ -135,7 +125,7 @@ class StreamedPose:
         parts = [part for part in (position, rotation, velocity) if part is not None]
         if not all(np.isfinite(part).all() for part in parts):
             return False
-        state = self._state
+        state = self.state
         if position is not None:
             state[moving.SENT_P : moving.SENT_P + 3] = position
         if rotation is not None:
@@ -148,33 +138,57 @@ class StreamedPose:
         return True
 
     def advance(self) -> None:
-        moving.follow_stream(self._state, 1.0 if self._clock is None else self._clock.rate, self._parameters)
+        moving.follow_stream(self.state, 1.0 if self._clock is None else self._clock.rate, self._parameters)
+
+
+Reference = FrameTrajectory | JointTrajectory | Over | StreamedPose
+"""`advance` writes its task's reference: once a cycle, before `solve`"""
 
 
 class Leashes:
-    """Keep the references of frames within reach of where each frame was measured in the cycle before, whoever moves them.
+    """Move the references of a compound task on by one clock, and keep those of frames within reach of where each frame was
+    measured in the cycle before, whoever moves them.
 
     A task that can't be met (something is in the way, the arm is stretched) otherwise asks for K times a distance that grows
-    without end, drives go from bound to bound, and the frame shoots off when it comes free. `give` before the references
-    advance, `take` after.
+    without end, drives go from bound to bound, and the frame shoots off when it comes free.
     """
 
-    def __init__(self, body: WholeBody, handles: Sequence[Handle], reach: float, turn: float):
-        """`handles`: of these tasks of `body`; `reach` m, `turn` rad."""
-        self._parameters = body.memory["parameters"]
-        self._tasks = np.array([handle.number for handle in handles], np.int64)
+    def __init__(
+        self,
+        body: WholeBody,
+        handles: Sequence[Handle],
+        references: Sequence[Reference],
+        clock: PathClock,
+        reach: float,
+        turn: float,
+    ):
+        """`handles`: of the tasks of `body` that are on leashes; `references`: what the `clock` moves; `reach` m, `turn` rad."""
+        lines = [reference for reference in references if isinstance(reference, FrameTrajectory)]
+        streams = [reference for reference in references if isinstance(reference, StreamedPose)]
+        self._others = [reference for reference in references if isinstance(reference, JointTrajectory | Over)]
         self._kept = np.zeros((len(handles), moving.LEASH))
-        self._reach, self._turn, self._body = reach, turn, body
+        tasks = [*(handle.number for handle in handles), *(one.task for one in lines), *(one.task for one in streams)]
+        settings = body.memory["settings"][0]
+        states = (_side_by_side(lines, moving.LINE), _side_by_side(streams, moving.STREAM))
+        self._moved = (body.memory["parameters"], self._kept, *states, np.array(tasks, np.int64))
+        self._limits, self._clock = (settings, reach, turn), clock
 
-    def give(self) -> None:
-        """Put back the references as they were wanted."""
-        moving.give(self._parameters, self._tasks, self._kept)
-
-    def take(self) -> None:
-        """Shorten them."""
-        share = 1.0 - _SHORTER * self._body.damping
-        moving.take(self._parameters, self._tasks, self._kept, share * self._reach, share * self._turn)
+    def advance(self) -> None:
+        """One period on: the clock, and all references."""
+        clock = self._clock
+        clock.advance()
+        for reference in self._others:
+            reference.advance()
+        moving.follow(*self._moved, clock.s, clock.rate, *self._limits)
 
     def off(self, place: int) -> Array:
         """(3,) m, of the frame at this place of the list: what is wanted minus what was measured, on the task's axes."""
         return self._kept[place, moving.OFF : moving.OFF + 3]
+
+
+def _side_by_side(moved: Sequence[FrameTrajectory | StreamedPose], width: int) -> Array:
+    """Their states in one table, in which they have them from now on."""
+    table = np.array([one.state for one in moved]).reshape(len(moved), width)
+    for one, row in zip(moved, table, strict=True):
+        one.state = row
+    return table

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from daemon.controllers.references import HermitePath, LinePath, PathClock
+from daemon.wbc import layout as at
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, StreamedPose
 from daemon.wbc.tasks import SE3, JPos
@@ -149,18 +150,44 @@ def test_a_reference_out_of_reach_is_pulled_no_harder_than_from_within_it_and_is
 ) -> None:
     model = model_of("panda")
     body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
-    start, leashes = model.frame(HAND), Leashes(body, [body["hand"]], 0.1, 0.5)
-    wanted = start.translation + np.array([0.0, 0.3, 0.0]), pin.exp3(np.array([0.0, 0.8, 0.0])) @ start.rotation
-    for cycle in range(3):
-        leashes.give()
-        if cycle == 0:
-            body["hand"].pose(*wanted)
-        else:
-            assert body["hand"].reference[0] == pytest.approx(wanted[0])
-            assert body["hand"].reference[1] == pytest.approx(wanted[1])
-        leashes.take()
+    start, leashes = model.frame(HAND), Leashes(body, [body["hand"]], [], PathClock(1.0, PERIOD), 0.1, 0.5)
+    body["hand"].pose(
+        start.translation + np.array([0.0, 0.3, 0.0]), pin.exp3(np.array([0.0, 0.8, 0.0])) @ start.rotation
+    )
+    body.solve()
+    for _ in range(3):
+        leashes.advance()
         position, rotation = body["hand"].reference
         assert position - start.translation == pytest.approx([0.0, 0.1, 0.0], abs=1e-9)
         assert pin.log3(rotation @ start.rotation.T) == pytest.approx([0.0, 0.5, 0.0], abs=1e-9)
+        assert leashes.off(0) == pytest.approx([0.0, 0.3, 0.0]), "it is given back before it is taken in again"
         body.solve()
-    assert leashes.off(0) == pytest.approx([0.0, 0.3, 0.0])
+
+
+def test_references_on_leashes_move_as_each_of_them_does_by_itself(model_of) -> None:
+    told = []
+    for together in (False, True):
+        model = model_of("panda")
+        body = WholeBody(model, [[SE3(frame=HAND, name="hand"), SE3(frame="panda_link4", name="elbow")], [JPos()]])
+        here, clock = model.frame(HAND), PathClock(0.5, PERIOD)
+        goal = pin.SE3(
+            here.rotation @ pin.exp3(np.array([0.0, 0.0, 0.1])), here.translation + np.array([0.02, 0.01, -0.02])
+        )
+        path = LinePath(here.rotation, here.translation, goal, 0.5)
+        line = FrameTrajectory(body["hand"], path, PERIOD, clock if together else None)
+        stream = StreamedPose(body["elbow"], PERIOD)
+        leashes = Leashes(body, [body["hand"], body["elbow"]], [line, stream], clock, 0.1, 0.5)
+        seen = []
+        for cycle in range(100):
+            if cycle % 10 == 0:
+                stream.receive(model.frame("panda_link4").translation + np.array([0.0, 1e-4 * cycle, 0.0]))
+            if together:
+                leashes.advance()
+            else:
+                line.advance()
+                stream.advance()
+            seen.append(np.concatenate((body["hand"].parameters, body["elbow"].parameters)))
+            body.solve()
+        told.append(np.array(seen))
+    assert np.abs(told[0] - told[1]).max() < 1e-12
+    assert np.abs(np.diff(told[0][:, : at.REF_P + 3], axis=0)).max() > 1e-5, "they do move"

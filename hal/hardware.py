@@ -80,6 +80,9 @@ class DriveProtocol(Protocol):
     def replies(self) -> list[ParameterReply]: ...
 
     @property
+    def reply_count(self) -> int: ...
+
+    @property
     def frames_a_cycle(self) -> int: ...
 
     @property
@@ -136,6 +139,7 @@ class Hardware:
         self._punctuality = Punctuality([of_joint[joint] for joint in description.joints], len(channels), LOST_AFTER)
         self._hear(self._nothing, 0)
         self._out = frames.empty(protocol.frames_a_cycle)
+        self._batches = [self._out[:count] for count in range(len(self._out) + 1)]
 
     def representable_gains(
         self, stiffness: npt.NDArray[np.float64], damping: npt.NDArray[np.float64]
@@ -225,21 +229,29 @@ class Hardware:
             return True
         watch = self._watch
         good = self._receive(wait_s, older=1)
-        if wait_s > 0.0 and watch.late:
+        if wait_s > 0.0 and (watch.late or not good) and not self._wait_for_late(good, wait_s):
+            return False
+        if watch.late or self._punctuality.behind:
+            self.stale_replies += self._punctuality.late(self.state.age, watch.late > 0)
+        return True
+
+    def _wait_for_late(self, good: int, wait_s: float) -> bool:
+        """Wait on for replies that are not there yet, where `good` ones have come. False when none has."""
+        watch = self._watch
+        if watch.late:
             good += self._receive(0.0)  # behind the word that a cycle is over, if that was an earlier one
-            # A plant that has once told when its cycles end always does: what is not there by then will not come.
-            told = self._ticks > 0
-            gives_up = time.monotonic() + wait_s
-            while told and watch.late and self._ticks < self._ticks_due and self.waits_on(time.monotonic() < gives_up):
-                good += self._receive(wait_s)
-            if not good and not (told and self._ticks >= self._ticks_due):
-                self._hear(self._nothing, -1)
-                return False
-            while watch.late and not told and self._receive(_GATHER_S):
-                pass
-            if watch.late and told and self._ticks < self._ticks_due:
-                self._ticks_due = self._ticks  # a word of the plant's was lost: count anew
-        self.stale_replies += self._punctuality.late(self.state.age, watch.late > 0)
+        # A plant that has once told when its cycles end always does: what is not there by then will not come.
+        told = self._ticks > 0
+        gives_up = time.monotonic() + wait_s
+        while told and watch.late and self._ticks < self._ticks_due and self.waits_on(time.monotonic() < gives_up):
+            good += self._receive(wait_s)
+        if not good and not (told and self._ticks >= self._ticks_due):
+            self._hear(self._nothing, -1)
+            return False
+        while watch.late and not told and self._receive(_GATHER_S):
+            pass
+        if watch.late and told and self._ticks < self._ticks_due:
+            self._ticks_due = self._ticks  # a word of the plant's was lost: count anew
         return True
 
     def give_up(self) -> None:
@@ -254,18 +266,17 @@ class Hardware:
 
     def _receive(self, wait_s: float, older: int = 0) -> int:
         """Take in what has arrived, while what was read before has become `older` cycles older; replies that were good."""
-        records = self._port.receive(wait_s)
-        if len(records):
-            self.bus_time_ns = int(records["time_ns"][0])
-        good = self._hear(records, older)
-        if replies := self._protocol.replies():  # a tool may have asked, too
-            self._take_identities(replies)
+        good = self._hear(self._port.receive(wait_s), older)
+        if self._protocol.reply_count:  # a tool may have asked, too
+            self._take_identities(self._protocol.replies())
         return good
 
     def _hear(self, records: npt.NDArray[np.void], older: int) -> int:
         """Take these in, and look at every drive's age and status; replies that were good."""
         good, bad = self._protocol.hear(records, len(records), self.state, self.devices, self._watch, older)
         self.crc_errors += bad
+        if self._watch.heard_ns:
+            self.bus_time_ns = self._watch.heard_ns
         if self._watch.silent >= 0:  # whoever answers there later may be another drive
             self._forget_identities()
         return good
@@ -293,12 +304,12 @@ class Hardware:
             count += self._protocol.encode_sync(cycle, out[count:])
         # More words than cycles: another process's Sync moved the plant, too. The next word is this cycle's.
         self._ticks_due = max(self._ticks_due, self._ticks) + 1
-        self._port.send(out[:count])
+        self._port.send(self._batches[count])
         self._asked = True
 
     def hold_time(self, cycle: int) -> None:
         """Keep a plant in lock-step from running free while time is held."""
-        self._port.send(self._out[: self._protocol.encode_hold_time(cycle, self._out)])
+        self._port.send(self._batches[self._protocol.encode_hold_time(cycle, self._out)])
 
     def close(self) -> None:
         """Leave the buses; the drives' watchdogs do the rest."""

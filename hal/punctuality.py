@@ -24,7 +24,8 @@ class Punctuality:
         """`channel`: of each joint (n,), 0 … `channels` − 1; drives whose reply is older than `lost_after` cycles don't count."""
         self._channel, self._lost_after = np.array(channel, np.int64), lost_after
         self._usual = np.zeros((4, channels), np.int64)
-        self._behind = False
+        self.behind = False
+        """some age was not 0 when it was last looked"""
         self.late(np.zeros(len(self._channel), np.int64), True)
 
     @property
@@ -35,11 +36,11 @@ class Punctuality:
     def late(self, age: npt.NDArray[np.int64], behind: bool) -> int:
         """How many of this cycle's replies, whose ages are (n,) cycles, are later than usual.
 
-        `behind`: some age is not 0. Call once a cycle.
+        `behind`: some age is not 0. Call once in each cycle in which it is, or was in the one before.
         """
-        if not behind and not self._behind:
+        if not behind and not self.behind:
             return 0
-        self._behind = behind
+        self.behind = behind
         return int(_late(age, self._channel, self._usual, self._lost_after))
 
 

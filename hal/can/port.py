@@ -7,6 +7,7 @@ nothing but array views; `CanPort` (hal.can.real_port) speaks to any python-can 
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import socket
@@ -18,16 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.awake import Awake
-from hal.can import wire
+from hal.can import datagrams, wire
 from hal.can.counting import Ledger
-from hal.can.frames import BYTES, RECORD, TICK, WORDS
+from hal.can.frames import BYTES, RECORD, WORDS
 from hal.can.wire import BusLost
 from handrail.runtime import Runtime
 
 ROOM = 8 * wire.MAX_RECORDS
 """Records that one receive takes in."""
-_FLAGS = RECORD.fields["flags"][1]  # type: ignore[index]
-"""Where in a record they are."""
 
 
 class Port(Protocol):
@@ -76,9 +75,9 @@ class HubPort:
         self._bytes = self._buffer.data.cast("B")
         self._records = self._buffer.view(RECORD)
         # Compile before joining: a slow start would let the socket fill.
-        warm = Ledger([])
-        warm.count_sent(self._buffer, 0)
-        warm.take_in(self._buffer, 0)
+        warm = Ledger([]).memory
+        datagrams.send(-1, self._buffer, 0, warm)
+        datagrams.receive(-1, self._buffer, 0, False, warm)
         self._path = path
         self._socket, infos = wire.join(
             path,
@@ -98,6 +97,7 @@ class HubPort:
         """how often the plant said that a cycle is over, where this port asked for it"""
         # Whoever waits for frames waits in `recv` itself: one call where asking first would be two.
         self._socket.setblocking(True)
+        self._descriptor = self._socket.fileno()
         self._patience_s = 0.0
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
@@ -105,7 +105,6 @@ class HubPort:
         # Who sends or receives in every cycle does so with the same array again and again: its views are made once.
         self._batch = self._received = self._records[:0]
         self._words = self._buffer[:0]
-        self._data = self._words.data
 
     def take_turns(self) -> None:
         """Wait for frames awake from now on, where there are cores for that: who sends them waits for this process's, too."""
@@ -117,7 +116,6 @@ class HubPort:
             self._send(len(records))
         elif len(records) <= wire.MAX_RECORDS and records.flags.c_contiguous:
             self._batch, self._words = records, records.view(np.uint64)
-            self._data = self._words.data
             self._send(len(records))
         else:
             for start in range(0, len(records), wire.MAX_RECORDS):
@@ -126,14 +124,10 @@ class HubPort:
     def _send(self, n: int) -> None:
         if n == 0:
             return  # an empty datagram means that this process leaves
-        try:
-            self._socket.send(self._data, socket.MSG_DONTWAIT)
-        except BlockingIOError:
+        if told := datagrams.send(self._descriptor, self._words, n, self._ledger.memory):
+            if told != errno.EAGAIN:
+                raise self._bus_lost(told)
             self.refused += n
-        except OSError as error:
-            raise BusLost(f"CAN bus at {self._path}: {error}") from error
-        else:
-            self._ledger.count_sent(self._words, n)
 
     def receive(self, timeout_s: float = 0.0) -> npt.NDArray[np.void]:
         """All frames that have arrived, in the order in which the buses carried them; see Port.receive.
@@ -141,35 +135,39 @@ class HubPort:
         Where it was waited for, and what came ends with the plant's word that a cycle is over, what may have come behind that is
         left for the next call.
         """
-        size, awaited, more = 0, timeout_s > 0.0, self._poll.poll
-        if awaited and timeout_s != self._patience_s:
-            self._set_patience(timeout_s)
-        there = awaited and self._awake is not None and bool(self._awake.look(more))
-        # Where nothing need be there, asking first costs less than trying in vain, which would happen once in every cycle.
-        while size <= BYTES * (ROOM - wire.MAX_RECORDS) and (awaited or more(0)):
-            sleeps = awaited and not there
-            try:
-                got = self._socket.recv_into(self._bytes[size:], 0, 0 if sleeps else socket.MSG_DONTWAIT)
-            except BlockingIOError:
-                break
-            except OSError as error:
-                raise BusLost(f"CAN bus at {self._path}: {error}") from error
-            if got == 0:
-                raise BusLost(f"CAN bus at {self._path}: the hub has ended")
-            if sleeps and self._awake is not None:
-                self._awake.woken()
-            size += got
-            if awaited and self._bytes[size - BYTES + _FLAGS] & TICK:
-                break
-            awaited = False
-        if size == 0:
-            return self._records[:0]
-        n, lost, ticks = self._ledger.take_in(self._buffer, size // BYTES)
+        awaited, ledger = timeout_s > 0.0, self._ledger.memory
+        if awaited and self._awake is not None:
+            self._awake.look(self._poll.poll)
+        n, lost, ticks, told = datagrams.receive(self._descriptor, self._buffer, 0, awaited, ledger)
+        if told == datagrams.NOTHING and awaited and (count := self._sleep(timeout_s)):
+            n, lost, ticks, told = datagrams.receive(self._descriptor, self._buffer, count, True, ledger)
+        if told and told != datagrams.NOTHING:
+            raise self._bus_lost(told)
         self.lost += lost
         self.ticks += ticks
         if n != len(self._received):
             self._received = self._records[:n]
         return self._received
+
+    def _sleep(self, timeout_s: float) -> int:
+        """Wait for a datagram; how many records it was, 0: none came."""
+        if timeout_s != self._patience_s:
+            self._set_patience(timeout_s)
+        try:
+            count = self._socket.recv_into(self._bytes) // BYTES
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise BusLost(f"CAN bus at {self._path}: {error}") from error
+        if count == 0:
+            raise self._bus_lost(datagrams.ENDED)
+        if self._awake is not None:
+            self._awake.woken()
+        return count
+
+    def _bus_lost(self, told: int) -> BusLost:
+        why = "the hub has ended" if told == datagrams.ENDED else os.strerror(told)
+        return BusLost(f"CAN bus at {self._path}: {why}")
 
     def _set_patience(self, timeout_s: float) -> None:
         """Let `recv` wait at most so long (socket(7), SO_RCVTIMEO, where 0 would be for ever)."""
@@ -188,6 +186,7 @@ class HubPort:
 
     def close(self) -> None:
         """Leave the bus."""
+        self._descriptor = -1
         self._socket.close()
 
 

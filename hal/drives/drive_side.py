@@ -45,6 +45,7 @@ from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take
 from hal.drives.rows import device_command, joint_command, joint_state
 from hal.drives.signals import (
     begin,
+    constant_of,
     frame_of,
     get_raw,
     get_value,
@@ -182,7 +183,7 @@ def decode_host(records, count, code, memory, cycle, check):
         device = role == _R_DEVICE_COMMAND
         if device and n + entity >= nodes:
             continue
-        if not valid(words, k, frames, f, ops):
+        if not valid(words, k, frames, f, ops, scales):
             refused += 1
             continue
         if role == _R_REQUEST:
@@ -285,7 +286,7 @@ def encode_answers(records, code, owed, joint_memory, mode, device_values, devic
                 elif field == _TIME:
                     value = np.float64(time_us & ((1 << ops[o, LENGTH]) - 1))
                 elif field == _CONSTANT:
-                    put_raw(words, first, ops, o, ops[o, COLUMN])
+                    put_raw(words, first, ops, o, constant_of(ops, scales, o))
                     continue
                 else:
                     continue

@@ -57,11 +57,14 @@ class Role(enum.IntEnum):
     DEVICE_STATUS = 9
 
 
-START, LENGTH, KIND, FIELD, ROW, COLUMN, TABLE, PLAIN, SHIFT, MASK = range(10)
-"""Columns of a program's ops, one row a signal: where it lies (as hal.can.layout.MessageLayout.places), what it means, of which
-joint or device, which of a device's columns (or the constant), which look-up table (−1: linear); and, of a little-endian signal
-that one word of 64 bits holds, which word (−1: it is none), how far up its lowest bit is; as many ones as it has bits."""
-OP_COLUMNS = 10
+START, LENGTH, KIND, FIELD, ROW, COLUMN, TABLE, SCALING = range(8)
+"""Columns of a program's ops, one row a signal: where it lies (as hal.can.layout.MessageLayout.places, and ACROSS in its KIND),
+what it means, of which joint or device, which of a device's columns, which look-up table (−1: linear), which row of the scales.
+Narrow ones: a cycle walks all of its frames' ops, out of caches that the rest of the cycle has used for something else."""
+OP_COLUMNS, OP_WORDS = 8, 2
+"""int16 columns of an op, which fill so many words"""
+ACROSS = 8
+"""Bit of KIND: a big-endian signal, or one that no single word of 64 bits holds"""
 
 (
     HEAD, ROLE, FIRST, END, BYTES, SEQUENCE, TIME, CRC, CRC_FROM, CRC_TO, ALGORITHM, ENTITY, CONSTANTS, PAYLOAD, LAW,

@@ -22,7 +22,6 @@ from hal.drives.fields import (
     HEAD,
     LAW,
     LENGTH,
-    MASK,
     PAYLOAD,
     ROLE,
     ROW,
@@ -45,10 +44,12 @@ from hal.drives.parameter_frames import MOST_PARAMETERS, PARAMETER_COLUMNS, take
 from hal.drives.rows import device_command, device_state, joint_command, joint_state
 from hal.drives.signals import (
     begin,
+    constant_of,
     frame_of,
     get_raw,
     get_value,
     joints_and_devices,
+    mask_of,
     no_number,
     put_raw,
     put_value,
@@ -56,7 +57,6 @@ from hal.drives.signals import (
     sign,
     tables,
     valid,
-    words_of,
 )
 from hal.drives.watch import grow_older, survey
 from hal.joint import Mode
@@ -83,14 +83,14 @@ _DRIFT = 1.0 / 8192.0
 
 
 @compiled
-def encode_host(records, code, roles, joint_memory, controlwords, device_memory, cycle, sequence, watchdog):
+def encode_host(words, code, roles, joint_memory, controlwords, device_memory, cycle, sequence, watchdog):
     """Write the frames of `roles` (bits, 1 << Role) in the order in which a host sends them; how many.
 
     Where both controlwords and commands are asked for, a limb gets commands if its controlword is FOLLOW, else controlwords.
     A device is written to when somebody commands it and its cycle has come. A value that is not finite ends it:
     −1 − (8 joint + field), or −1 − 8 n − (COMMANDED device + column).
     """
-    words, controlwords = words_of(records), borrowed(controlwords)
+    words, controlwords = borrowed(words), borrowed(controlwords)
     frames, ops, scales, lookups, _, _, payloads, spans = tables(code)
     n, d = joints_and_devices(code)
     if controlwords.shape[0] < n:
@@ -131,15 +131,15 @@ def encode_host(records, code, roles, joint_memory, controlwords, device_memory,
                 elif field == _COLUMN:
                     value = device_values[row, ops[o, COLUMN]]
                     if not math.isfinite(value):
-                        return -1 - 8 * n - (COMMANDED * np.int64(row) + ops[o, COLUMN])
+                        return -1 - 8 * n - (COMMANDED * np.int64(row) + np.int64(ops[o, COLUMN]))
                 elif field == _SEQUENCE:
                     value = np.float64(sequence & 0xFF)
                 elif field == _WATCHDOG:
                     value = np.float64(watchdog)
                 elif field == _CYCLE:
-                    value = np.float64(cycle & ops[o, MASK])
+                    value = np.float64(np.uint64(cycle) & mask_of(ops, o))
                 elif field == _CONSTANT:
-                    put_raw(words, first, ops, o, ops[o, COLUMN])
+                    put_raw(words, first, ops, o, constant_of(ops, scales, o))
                     continue
                 else:
                     continue
@@ -159,7 +159,7 @@ def _measured(words, k, time_op, ops, clocks, row):
     arrived = np.int64(words[WORDS * k])
     if time_op < 0:
         return arrived
-    wrap = np.int64(1) << ops[time_op, LENGTH]
+    wrap = np.int64(1) << np.int64(ops[time_op, LENGTH])
     behind = np.float64((arrived // 1000 - np.int64(get_raw(words, WORDS * k + DATA, ops, time_op))) & (wrap - 1))
     if math.isnan(clocks[row]):
         clocks[row] = behind
@@ -181,7 +181,7 @@ def _measured(words, k, time_op, ops, clocks, row):
 @compiled
 def hear(words, count, code, joint_memory, device_memory, notes, watch, sent, older):
     """A cycle's hearing: let everything be `older` cycles older, take the nodes' frames among the first `count` records in, and
-    look at all drives; (good, refused, repeated, replies among the notes, late, lost, silent).
+    look at all drives; (good, refused, repeated, replies among the notes, late, lost, silent, time of the first record in ns).
 
     sent: sequence number of what was last sent, −1: unknown; watch: a DriveWatch's memory. One kernel, since calling one costs
     more than most of this does.
@@ -190,7 +190,8 @@ def hear(words, count, code, joint_memory, device_memory, notes, watch, sent, ol
     grow_older(joint_memory, n, device_memory, d, older)
     good, refused, repeated, replies = _take_in(words, count, code, joint_memory, device_memory, notes, sent)
     late, lost, silent = survey(joint_memory, n, watch)
-    return good, refused, repeated, replies, late, lost, silent
+    heard = np.int64(words[0]) if count > 0 else np.int64(0)
+    return good, refused, repeated, replies, late, lost, silent, heard
 
 
 @compiled
@@ -214,7 +215,7 @@ def _take_in(words, count, code, joint_memory, device_memory, notes, sent):
         role = frames[f, ROLE]
         if role not in (_R_STATUS, _R_MASTER, _R_DEVICE_STATUS, _R_REPLY):
             continue
-        if not valid(words, k, frames, f, ops):
+        if not valid(words, k, frames, f, ops, scales):
             refused += 1
             continue
         first, entity = WORDS * k + DATA, frames[f, ENTITY]

@@ -13,7 +13,7 @@ from hal.can.frames import EXTENDED
 from hal.can.layout import BIG_ENDIAN, FLOAT, MessageLayout
 from hal.drives import fields
 from hal.drives.family import Family, Message, Signal, load, number, placeholders, signal_of, table
-from hal.drives.fields import FRAME_COLUMNS, OP_COLUMNS, Field, Role
+from hal.drives.fields import ACROSS, FRAME_COLUMNS, OP_COLUMNS, Field, Role
 from hal.drives.lifecycle import Command
 from hal.drives.signals import LOGS, LOOKUP_COLUMNS, RAWS, log2_nearly, packed
 from hal.joint import Mode
@@ -44,7 +44,7 @@ class Program:
         """(limbs, 16) joint of each limb's axes, −1: none"""
         self._frames: list[tuple[Role, list[int]]] = []
         self._ops: list[list[int]] = []
-        self._scales: list[npt.NDArray[np.float64]] = []
+        self._scales: dict[tuple[float, ...], int] = {}
         self._tables: dict[Any, int] = {}
         self._payloads: list[int] = []
         self._table_rows: list[np.ndarray] = []
@@ -107,7 +107,7 @@ class Program:
                     frame[place] = at
         for name, value in message.constants.items():
             raw = number(value, numbers) & (1 << int(layout.rows([name])[0][0, 1])) - 1
-            self._op(layout, Field.CONSTANT, entity, raw, Signal(signal=name), numbers)
+            self._op(layout, Field.CONSTANT, entity, 0, Signal(signal=name), numbers, raw)
             frame[fields.CONSTANTS] = 1
         if frame[fields.CRC] >= 0:
             begin, end = family.crc_bytes or (0, self._ops[frame[fields.CRC]][fields.START] // 8)
@@ -121,25 +121,34 @@ class Program:
         self._frames.append((role, frame))
 
     def _op(
-        self, layout: MessageLayout, field: Field, row: int, column: int, signal: Signal, numbers: dict[str, int]
+        self,
+        layout: MessageLayout,
+        field: Field,
+        row: int,
+        column: int,
+        signal: Signal,
+        numbers: dict[str, int],
+        raw: int | None = None,
     ) -> int:
+        """`raw`: of a signal that always has the same."""
         op = [0] * OP_COLUMNS
         op[fields.FIELD], op[fields.ROW], op[fields.COLUMN] = int(field), row, column
-        op[fields.TABLE] = op[fields.PLAIN] = -1
-        scale = np.array([1.0, 0.0, 0.0, 0.0])
+        op[fields.TABLE] = -1
+        scale = (1.0, 0.0, 0.0, 0.0)
         if signal.signal:
             places, scales = layout.rows([signal.signal.format_map(numbers)])
             op[fields.START], op[fields.LENGTH], op[fields.KIND] = (int(value) for value in places[0])
-            scale = scales[0]
+            scale = tuple(scales[0].tolist())
             start, length = op[fields.START], op[fields.LENGTH]
-            op[fields.MASK] = (1 << length) - 1 if length < 64 else -1
-            if not op[fields.KIND] & BIG_ENDIAN and start % 64 + length <= 64:
-                op[fields.PLAIN], op[fields.SHIFT] = start // 64, start % 64
+            if op[fields.KIND] & BIG_ENDIAN or start % 64 + length > 64:
+                op[fields.KIND] |= ACROSS
             op[fields.TABLE] = self._table(signal, op[fields.LENGTH])
+            if raw is not None:
+                scale = (1.0, 0.0, float(raw), float(raw))
         elif signal.constant is not None:
-            op[fields.COLUMN] = number(signal.constant, numbers)
+            scale = (1.0, float(number(signal.constant, numbers)), 0.0, 0.0)
+        op[fields.SCALING] = self._scales.setdefault(scale, len(self._scales))
         self._ops.append(op)
-        self._scales.append(scale)
         return len(self._ops) - 1
 
     def _table(self, signal: Signal, bits: int) -> int:
@@ -169,8 +178,8 @@ class Program:
             begin = roles.index(role) if count else 0
             self._spans[role] = (begin, begin + count)
         self.frames = np.array([frame for _, frame in self._frames], np.int64).reshape(-1, FRAME_COLUMNS)
-        self.ops = np.array(self._ops, np.int64).reshape(-1, OP_COLUMNS)
-        self.scales = np.array(self._scales, np.float64).reshape(-1, 4)
+        self.ops = np.array(self._ops, np.int16).reshape(-1, OP_COLUMNS)
+        self.scales = np.array(list(self._scales), np.float64).reshape(-1, 4)
         self.lookups = np.array(self._table_rows or [np.zeros(LOOKUP_COLUMNS)])
         self.payloads = np.array(self._payloads or [0], np.uint64)
         self.ids = np.full((channels, 2048), -1, np.int64)

@@ -140,9 +140,10 @@ class LimbProtocol:
         # What a batch leaves out.
         self._no_command, self._no_words, self._no_joints = JointCommand(n), np.zeros(n, np.uint8), JointState(n)
         self._no_commands, self._no_states = DeviceCommand(d), DeviceState(d)
-        self._unwatched, self._reply_count = DriveWatch(n), 0
-        self._records = frames.empty(0)
-        self._words = self._records.view(np.uint64)
+        self._unwatched, self.reply_count = DriveWatch(n), 0
+        # Who hears or says something in every cycle does so with the same array again and again.
+        self._records = self._written = frames.empty(0)
+        self._words = self._written_words = self._records.view(np.uint64)
         self._nobody, self._senders = np.zeros(n + d, np.bool_), np.zeros(n + d, np.int64)
         self._no_sequences = np.zeros(d, np.uint8)
         self.every = np.array([program.families[device.family].every for device in description.devices], np.int64)
@@ -181,48 +182,50 @@ class LimbProtocol:
         roles, moved = _SOME_MOVE if some_follow else _MOVE, command
         if moved is None:
             roles, moved = _POLL, self._no_command
-        count: int = encode_host(
-            out, self._code, roles, moved.memory, controlwords, devices.memory, cycle, sequence, watchdog
-        )
-        return count if count >= 0 else self._refuse(count, moved, devices)
+        return self._encode(out, roles, moved, controlwords, devices, cycle, sequence, watchdog)
 
     def encode_commands(self, command: JointCommand, sequence: int, watchdog: int, out: npt.NDArray[np.void]) -> int:
         """Write the joints' commands only; as `encode_cycle`."""
         self._sent = sequence & 0xFF
-        count: int = encode_host(
-            out, self._code, _COMMANDS, command.memory, self._no_words, self._no_commands.memory, 0, sequence, watchdog
-        )
-        return count if count >= 0 else self._refuse(count, command, self._no_commands)
+        return self._encode(out, _COMMANDS, command, self._no_words, self._no_commands, 0, sequence, watchdog)
 
     def encode_control(self, controlwords: npt.NDArray[np.uint8], sequence: int, out: npt.NDArray[np.void]) -> int:
         """Write the joints' controlwords (n,) only; as `encode_cycle`."""
         self._sent = sequence & 0xFF
-        count: int = encode_host(
-            out, self._code, _CONTROLS, self._no_command.memory, controlwords, self._no_commands.memory, 0, sequence, 0
-        )
-        return count
+        return self._encode(out, _CONTROLS, self._no_command, controlwords, self._no_commands, 0, sequence, 0)
 
     def encode_devices(
         self, command: DeviceCommand, cycle: int, sequence: int, watchdog: int, out: npt.NDArray[np.void]
     ) -> int:
         """Write the devices' commands only; as `encode_cycle`."""
-        moved, words = self._no_command.memory, self._no_words
-        count: int = encode_host(out, self._code, _DEVICES, moved, words, command.memory, cycle, sequence, watchdog)
-        return count if count >= 0 else self._refuse(count, self._no_command, command)
+        return self._encode(out, _DEVICES, self._no_command, self._no_words, command, cycle, sequence, watchdog)
 
     def encode_sync(self, cycle: int, out: npt.NDArray[np.void]) -> int:
         """Write one Sync a channel; returns how many. They go last in a cycle."""
-        return self._encode_time(_SYNCS, cycle, out)
+        return self._encode(out, _SYNCS, self._no_command, self._no_words, self._no_commands, cycle, 0, 0)
 
     def encode_hold_time(self, cycle: int, out: npt.NDArray[np.void]) -> int:
         """Write one HoldTime a channel; returns how many."""
-        return self._encode_time(_HOLDS, cycle, out)
+        return self._encode(out, _HOLDS, self._no_command, self._no_words, self._no_commands, cycle, 0, 0)
 
-    def _encode_time(self, roles: int, cycle: int, out: npt.NDArray[np.void]) -> int:
+    def _encode(
+        self,
+        out: npt.NDArray[np.void],
+        roles: int,
+        command: JointCommand,
+        controlwords: npt.NDArray[np.uint8],
+        devices: DeviceCommand,
+        cycle: int,
+        sequence: int,
+        watchdog: int,
+    ) -> int:
+        if out is not self._written:
+            self._written, self._written_words = out, out.view(np.uint64)
+        words, code = self._written_words, self._code
         count: int = encode_host(
-            out, self._code, roles, self._no_command.memory, self._no_words, self._no_commands.memory, cycle, 0, 0
+            words, code, roles, command.memory, controlwords, devices.memory, cycle, sequence, watchdog
         )
-        return count
+        return count if count >= 0 else self._refuse(count, command, devices)
 
     def _refuse(self, count: int, command: JointCommand, devices: DeviceCommand) -> NoReturn:
         """Raises ValueError for the value that is not finite of which `encode_host` tells by a negative count."""
@@ -258,9 +261,9 @@ class LimbProtocol:
         older: int,
     ) -> tuple[int, int]:
         """The same, of what has become `older` cycles older since; and see then how the drives fare, for `watch`."""
-        if records is not self._records:  # who hears in every cycle does so with the same array again and again
+        if records is not self._records:
             self._records, self._words = records, records.view(np.uint64)
-        good, refused, repeated, self._reply_count, watch.late, watch.lost, watch.silent = hear(
+        good, refused, repeated, self.reply_count, watch.late, watch.lost, watch.silent, watch.heard_ns = hear(
             self._words, n, self._code, state.memory, devices.memory, self._notes, watch.memory, self._sent, older
         )
         self.repeated += repeated
@@ -268,11 +271,11 @@ class LimbProtocol:
 
     def replies(self) -> list[ParameterReply]:
         """The parameter replies among the records of the last `decode_status` or `hear`."""
-        if not self._reply_count:  # as in nearly every cycle
+        if not self.reply_count:  # as in nearly every cycle
             return []
         return [
             ParameterReply(row[0], row[2], bool(row[3]), row[7], row[4], _float(row[5]))
-            for row in self._replies[: self._reply_count].tolist()
+            for row in self._replies[: self.reply_count].tolist()
         ]
 
     def encode_request(

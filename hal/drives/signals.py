@@ -1,6 +1,6 @@
 """One frame and one signal of a robot's frame program (hal.drives.program), read and written by compiled code.
 
-A program's tables: `frames` (f, FRAME_COLUMNS), its messages; `ops` (o, OP_COLUMNS) and `scales` (o, 4), their signals;
+A program's tables: `frames` (f, FRAME_COLUMNS), its messages; `ops` (o, OP_COLUMNS), their signals, and `scales` (s, 4) of those;
 `lookups` (t, LOOKUP_COLUMNS), of each table value by raw; raw by value, or of a logarithmic scale the least value by raw; the
 scale's low end, largest raw, steps an octave and nearly its low end's binary logarithm;
 `ids` (channels, 2048), identifier → frame; `long_ids` (2, m), sorted keys of 29-bit identifiers, and their frames; `payloads`;
@@ -33,9 +33,9 @@ from hal.can.frames import DATA, EXTENDED, FD, WORDS
 from hal.drives.borrowing import piece
 from hal.drives.crc import crc_of
 from hal.drives.fields import (
+    ACROSS,
     ALGORITHM,
     BYTES,
-    COLUMN,
     CONSTANTS,
     CRC,
     CRC_FROM,
@@ -48,11 +48,10 @@ from hal.drives.fields import (
     HEAD,
     KIND,
     LENGTH,
-    MASK,
     OP_COLUMNS,
-    PLAIN,
+    OP_WORDS,
+    SCALING,
     SEQUENCE,
-    SHIFT,
     START,
     TABLE,
     Field,
@@ -72,9 +71,10 @@ _ROLES = len(Role)
 
 def packed(frames, ops, scales, lookups, ids, long_ids, payloads, spans, joints, devices):
     """A program's tables as one array (int64), for `tables` and `joints_and_devices`."""
-    parts = [frames, ops, scales.view(np.int64), lookups.view(np.int64), ids, long_ids, payloads.view(np.int64), spans]
+    parts = [frames, ops, scales, lookups, ids, long_ids, payloads, spans]
+    parts = [np.ascontiguousarray(part).reshape(-1).view(np.int64) for part in parts]
     ends = np.cumsum([_HEADER] + [part.size for part in parts])
-    return np.concatenate([[*ends[1:], len(ids), joints, devices], *(part.ravel() for part in parts)]).astype(np.int64)
+    return np.concatenate([[*ends[1:], len(ids), joints, devices], *parts]).astype(np.int64)
 
 
 @compiled
@@ -82,7 +82,7 @@ def tables(code):
     """frames, ops, scales, lookups, ids, long_ids, payloads, spans"""
     return (
         piece(code, _HEADER, ((code[0] - _HEADER) // FRAME_COLUMNS, FRAME_COLUMNS), np.int64),
-        piece(code, code[0], ((code[1] - code[0]) // OP_COLUMNS, OP_COLUMNS), np.int64),
+        piece(code, code[0], ((code[1] - code[0]) // OP_WORDS, OP_COLUMNS), np.int16),
         piece(code, code[1], ((code[2] - code[1]) // 4, 4), np.float64),
         piece(code, code[2], ((code[3] - code[2]) // LOOKUP_COLUMNS, LOOKUP_COLUMNS), np.float64),
         piece(code, code[3], (code[8], 2048), np.int64),
@@ -110,21 +110,27 @@ def words_of(records):
 
 
 @njit(inline="always")
+def mask_of(ops, o):
+    """As many ones as a signal has bits (1..64)."""
+    return np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - ops[o, LENGTH])
+
+
+@njit(inline="always")
 def put_raw(words, first, ops, o, raw):
-    bits, word = np.uint64(raw) & np.uint64(ops[o, MASK]), ops[o, PLAIN]
-    if word >= 0:
-        words[np.uint64(first + word)] |= bits << np.uint64(ops[o, SHIFT])
+    bits, start = np.uint64(raw) & mask_of(ops, o), np.int64(ops[o, START])
+    if ops[o, KIND] & ACROSS:
+        _put_across(words, first, start, np.int64(ops[o, LENGTH]), ops[o, KIND], bits)
     else:
-        _put_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND], bits)
+        words[np.uint64(first + (start >> 6))] |= bits << np.uint64(start & 63)
 
 
 @njit(inline="always")
 def get_raw(words, first, ops, o):
-    word = ops[o, PLAIN]
-    if word >= 0:
-        bits = words[np.uint64(first + word)] >> np.uint64(ops[o, SHIFT]) & np.uint64(ops[o, MASK])
+    start = np.int64(ops[o, START])
+    if ops[o, KIND] & ACROSS:
+        bits = _bits_across(words, first, start, np.int64(ops[o, LENGTH]), ops[o, KIND])
     else:
-        bits = _bits_across(words, first, ops[o, START], ops[o, LENGTH], ops[o, KIND])
+        bits = words[np.uint64(first + (start >> 6))] >> np.uint64(start & 63) & mask_of(ops, o)
     return bits
 
 
@@ -183,20 +189,20 @@ def _float_value(bits, length):
 @njit(inline="always")
 def get_value(words, first, ops, scales, lookups, o):
     """The physical value of a signal; of one without bits its constant."""
-    kind = ops[o, KIND]
-    if ops[o, LENGTH] == 0:
-        value = np.float64(ops[o, COLUMN])
+    kind, length, scaling = ops[o, KIND], np.int64(ops[o, LENGTH]), np.uint64(ops[o, SCALING])
+    if length == 0:
+        value = scales[scaling, OFFSET]
     else:
         bits = get_raw(words, first, ops, o)
         if kind & FLOAT:
-            value = _float_value(bits, ops[o, LENGTH]) * scales[o, SCALE] + scales[o, OFFSET]
+            value = _float_value(bits, length) * scales[scaling, SCALE] + scales[scaling, OFFSET]
         elif ops[o, TABLE] >= 0:
             value = lookups[np.uint64(ops[o, TABLE]), bits]
         elif kind & SIGNED:
-            shift = 64 - ops[o, LENGTH]
-            value = (np.int64(bits << np.uint64(shift)) >> shift) * scales[o, SCALE] + scales[o, OFFSET]
+            shift = 64 - length
+            value = (np.int64(bits << np.uint64(shift)) >> shift) * scales[scaling, SCALE] + scales[scaling, OFFSET]
         else:
-            value = np.int64(bits) * scales[o, SCALE] + scales[o, OFFSET]
+            value = np.int64(bits) * scales[scaling, SCALE] + scales[scaling, OFFSET]
     return value
 
 
@@ -204,17 +210,24 @@ def get_value(words, first, ops, scales, lookups, o):
 def put_value(words, first, ops, scales, lookups, o, value):
     """Write a finite physical value, saturated; signals without bits, and values that a table leaves out, write nothing."""
     if ops[o, LENGTH] > 0:
-        table = ops[o, TABLE]
+        table, scaling = ops[o, TABLE], np.uint64(ops[o, SCALING])
         if ops[o, KIND] & FLOAT:
-            put_raw(words, first, ops, o, _float_bits((value - scales[o, OFFSET]) / scales[o, SCALE], ops[o, LENGTH]))
+            scaled = (value - scales[scaling, OFFSET]) / scales[scaling, SCALE]
+            put_raw(words, first, ops, o, _float_bits(scaled, np.int64(ops[o, LENGTH])))
         elif table < 0:
-            raw = np.rint((value - scales[o, OFFSET]) / scales[o, SCALE])
-            put_raw(words, first, ops, o, np.int64(min(max(raw, scales[o, LOW]), scales[o, HIGH])))
+            raw = np.rint((value - scales[scaling, OFFSET]) / scales[scaling, SCALE])
+            put_raw(words, first, ops, o, np.int64(min(max(raw, scales[scaling, LOW]), scales[scaling, HIGH])))
         else:
             code = _looked_up(value, lookups, np.uint64(table))
             # Tables may share a signal: the first that has something to say does.
             if code > 0 and get_raw(words, first, ops, o) == 0:
                 put_raw(words, first, ops, o, code)
+
+
+@njit(inline="always")
+def constant_of(ops, scales, o):
+    """The raw value of a signal that always has the same."""
+    return np.int64(scales[np.uint64(ops[o, SCALING]), LOW])
 
 
 @compiled
@@ -235,7 +248,7 @@ def sign(words, k, frames, f, ops):
 
 
 @compiled
-def valid(words, k, frames, f, ops):
+def valid(words, k, frames, f, ops, scales):
     """Is this frame of the right format and length, with the right CRC and constants?"""
     head, first = words[WORDS * k + 1], WORDS * k + DATA
     flags = np.int64((head >> np.uint64(40)) & np.uint64(0xFF))
@@ -249,7 +262,7 @@ def valid(words, k, frames, f, ops):
             return False
     if frames[f, CONSTANTS]:
         for o in range(frames[f, FIRST], frames[f, END]):
-            if ops[o, FIELD] == _CONSTANT and np.int64(get_raw(words, first, ops, o)) != ops[o, COLUMN]:
+            if ops[o, FIELD] == _CONSTANT and np.int64(get_raw(words, first, ops, o)) != constant_of(ops, scales, o):
                 return False
     return True
 
@@ -289,4 +302,4 @@ def frame_of(words, k, ids, long_ids):
 def sequence_of(words, first, frames, f, ops):
     """The sequence number of a frame that has one (0..255)."""
     op = frames[f, SEQUENCE]
-    return np.int64(get_bits(words, first, ops[op, START], ops[op, LENGTH]))
+    return np.int64(get_bits(words, first, np.int64(ops[op, START]), np.int64(ops[op, LENGTH])))

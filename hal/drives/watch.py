@@ -30,6 +30,8 @@ class DriveWatch:
         """(n,) joints of limbs that are out of the robot: nobody waits for these to be in operation"""
         self.late = 0
         """drives whose reply is late, but that are not lost"""
+        self.heard_ns = 0
+        """when the first of the records that were heard last came, 0: there were none"""
         self.lost = self.silent = -1
         """first drive that does not answer, or is not in operation enabled, those of isolated limbs aside; first that does not
         answer"""

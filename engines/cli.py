@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from engines import library
+from engines.program import Program
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.config import ConfigError
 from handrail.link.keys import KeysError
@@ -44,6 +45,54 @@ def check(
             wrong = True
             _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
     raise typer.Exit(int(wrong))
+
+
+@app.command()
+def show(
+    program: Annotated[str, typer.Argument(help="Its name in the library, or its file.")],
+    file: Annotated[
+        Path | None, typer.Argument(help="Where to: .svg, .png, .pdf or .dot; NAME.svg if not given.")
+    ] = None,
+) -> None:
+    """Draw a program as a statechart."""
+    from engines.program_picture import CanNotDraw, draw
+
+    found = _loaded(program)
+    file = file or Path(f"{found.name}.svg")
+    try:
+        draw(found, file)
+    except (CanNotDraw, OSError) as problem:
+        _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
+        raise typer.Exit(1) from problem
+    _out.print(str(file), highlight=False, soft_wrap=True)
+
+
+@app.command()
+def diff(
+    old: Annotated[str, typer.Argument(help="A program's name in the library, or its file.")],
+    new: Annotated[str, typer.Argument(help="Another one.")],
+) -> None:
+    """Tell what is different between two programs, field by field. Exits with 1 when something is."""
+    from engines.program_diff import differences
+
+    lines = differences(_loaded(old), _loaded(new))
+    for line in lines:
+        style = {"+": "green", "-": "red", "~": "yellow"}[line[0]]
+        _out.print(line, style=style, markup=False, highlight=False, soft_wrap=True)
+    raise typer.Exit(int(bool(lines)))
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of programs: an editor that knows it completes and checks while you write."""
+    from engines.activities import ACTIVITIES
+    from engines.program_schema import json_schema
+
+    arguments = {
+        name: {argument: each.required for argument, each in activity.arguments.items()}
+        for name, activity in ACTIVITIES.items()
+    }
+    _out.print_json(data=json_schema(arguments))
 
 
 @app.command("list")
@@ -257,12 +306,16 @@ def _value(text: str) -> object:
     return text
 
 
-def _describe(name: str) -> None:
+def _loaded(name: str) -> Program:
     try:
-        program = library.load(name)
+        return library.load(name)
     except ConfigError as problem:
         _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(1) from problem
+
+
+def _describe(name: str) -> None:
+    program = _loaded(name)
     _out.print(f"{program.title} ({program.name}, {program.hash})", style="bold", highlight=False)
     table = Table("", "name", "default", "unit", "what it is")
     for key, resource in program.resources.items():

@@ -1,8 +1,9 @@
-"""What a program's file may say: one struct a part, unknown fields refused."""
+"""What a program's file may say: one struct a part, unknown fields refused; and the same as JSON Schema, for editors."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import msgspec
@@ -77,3 +78,54 @@ class ProgramFile(_Struct):
     resources: dict[str, Any] = {}
     parameters: dict[str, Any] = {}
     variables: dict[str, Literals] = {}
+
+
+def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
+    """JSON Schema (2020-12) of a program's file.
+
+    :param activities: what `do` may say → its arguments → whether they must be given
+    """
+    kinds = (ProgramFile, StateFile, TransitionFile, HistoryFile, Resource, Parameter)
+    (top, *_), parts = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
+
+    def of(kind: type) -> dict[str, Any]:
+        return {"$ref": f"#/$defs/{kind.__name__}"}
+
+    holds: list[tuple[type, str, dict[str, Any]]] = [
+        *(
+            (kind, "states", {"type": "object", "additionalProperties": of(StateFile)})
+            for kind in (ProgramFile, StateFile)
+        ),
+        *((kind, "transitions", {"type": "array", "items": of(TransitionFile)}) for kind in (StateFile, HistoryFile)),
+        (StateFile, "history", {"type": "object", "additionalProperties": of(HistoryFile)}),
+        (ProgramFile, "resources", {"type": "object", "additionalProperties": of(Resource)}),
+        (ProgramFile, "parameters", {"type": "object", "additionalProperties": of(Parameter)}),
+    ]
+    for kind, field, schema in holds:
+        parts[kind.__name__]["properties"][field] = schema
+    for field in ("min", "max"):  # without bounds: JSON has no infinity
+        parts[Parameter.__name__]["properties"][field].pop("default", None)
+    state = parts[StateFile.__name__]
+    state["properties"]["do"] = {"enum": list(activities)}
+    state["allOf"] = [
+        {
+            "if": {"properties": {"do": {"const": name}}, "required": ["do"]},
+            "then": {
+                "properties": {
+                    "with": {
+                        "type": "object",
+                        "properties": dict.fromkeys(arguments, True),
+                        "required": [each for each, must in arguments.items() if must],
+                        "additionalProperties": False,
+                    }
+                },
+                **({"required": ["with"]} if any(arguments.values()) else {}),
+            },
+        }
+        for name, arguments in activities.items()
+    ]
+    # A state that only marks a place may be empty.
+    parts["State"] = {"anyOf": [of(StateFile), {"type": "null"}]}
+    for kind in (ProgramFile, StateFile):
+        parts[kind.__name__]["properties"]["states"]["additionalProperties"] = {"$ref": "#/$defs/State"}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A program", **top, "$defs": parts}

@@ -60,15 +60,14 @@ class World:
         plain = [*names[:links], *(obstacle.name for obstacle in self.obstacles)]
         supports = [set(model.supports[j]) - {0} for j in range(model.njoints)]
         moves = self._movers(moving)
-        pairs = []
+        pairs, may_touch = [], _Listed(allowed)
         for second in range(len(names)):
             for first in range(min(second, links)):
                 apart = supports[joints[first]] ^ supports[joints[second]]
                 wanted = bool(apart & moves)
                 if second < links:
                     wanted = wanted and with_self and len(apart) > _NEAR_IN_TREE
-                words = {(names[first], names[second]), (names[first], plain[second])}
-                if wanted and not any(listed(one, other, allowed) for one, other in words):
+                if wanted and not (may_touch[names[first], names[second]] or may_touch[names[first], plain[second]]):
                     pairs.append((first, second))
         for first, second in pairs:
             self.geometry.addCollisionPair(pin.CollisionPair(first, second))
@@ -111,19 +110,25 @@ class World:
     def touching(self, *pairs: tuple[str, str]) -> NDArray[np.bool_]:
         """(pairs,) those of these names, with wildcards as in `allowed`."""
         plain = [*self.names[: self.links], *(obstacle.name for obstacle in self.obstacles)]
+        found = _Listed(pairs)
         return np.array(
-            [
-                any(listed(self.names[i], other, pairs) for other in (self.names[j], plain[j]))
-                for i, j in self.pairs.tolist()
-            ],
-            dtype=bool,
+            [found[self.names[i], self.names[j]] or found[self.names[i], plain[j]] for i, j in self.pairs.tolist()],
+            bool,
         )
 
 
-def listed(a: str, b: str, pairs: Iterable[tuple[str, str]]) -> bool:
-    """Whether two names are one of the pairs, either way round; pairs may have wildcards."""
-    return any(
-        (fnmatch.fnmatchcase(a, one) and fnmatch.fnmatchcase(b, other))
-        or (fnmatch.fnmatchcase(b, one) and fnmatch.fnmatchcase(a, other))
-        for one, other in pairs
-    )
+class _Listed(dict[tuple[str, str], bool]):
+    """Two names → whether they are one of the pairs, either way round; pairs may have wildcards."""
+
+    def __init__(self, pairs: Iterable[tuple[str, str]]):
+        super().__init__()
+        self._pairs = tuple(pairs)
+
+    def __missing__(self, names: tuple[str, str]) -> bool:
+        a, b = names
+        self[names] = found = any(
+            (fnmatch.fnmatchcase(a, one) and fnmatch.fnmatchcase(b, other))
+            or (fnmatch.fnmatchcase(b, one) and fnmatch.fnmatchcase(a, other))
+            for one, other in self._pairs
+        )
+        return found

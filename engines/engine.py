@@ -26,7 +26,7 @@ from engines import deployment, library
 from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
 from engines.deployment import Deployed
-from engines.plan_making import make_motion, make_plan
+from engines.plan_making import make_edit, make_motion, make_plan
 from engines.plans import PlanStore
 from engines.prompts import Prompts
 from engines.run import Job, PlanExecution, ProgramRun, Start
@@ -84,6 +84,7 @@ class Engine:
             m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
             m.PlanMotion: self._plan_motion,
+            m.EditPlan: self._edit_plan,
             m.ExecutePlan: self._execute_plan,
             m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
             m.Deploy: self._deploy,
@@ -201,6 +202,15 @@ class Engine:
         def plan() -> m.PlanPreview:
             try:
                 return make_motion(self._services, call)[1]
+            except ActivityFailed as failed:
+                raise refuse(str(failed)) from failed
+
+        return _in_thread(plan, "plan")
+
+    def _edit_plan(self, call: m.EditPlan) -> Future[m.PlanPreview]:
+        def plan() -> m.PlanPreview:
+            try:
+                return make_edit(self._services, call)[1]
             except ActivityFailed as failed:
                 raise refuse(str(failed)) from failed
 

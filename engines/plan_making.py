@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+
+import msgspec
 
 from engines.activities.base import ActivityFailed, Services
 from engines.freshness import Origin, World
 from engines.planning.plan import Cancelled, Infeasible
 from engines.plans import PlanRecord
-from handrail.messages import PlanMotion, PlanPreview
+from handrail.messages import EditPlan, KeyFrame, PlanMotion, PlanPreview
 from handrail.topics import RefusedError
 
 _Asked = Callable[[], bool]
@@ -59,21 +62,51 @@ def make_plan(
     asked: dict[str, float | str] = {"instance": instance, "trajectory": trajectory, "arm": arm}
     asked |= {"entry_shift": entry_shift} | ({} if arc is None else {"arc": arc}) | ({"after": after} if after else {})
     origin = Origin(world, services.description.joints, (placed,), asked, run)
-    return _kept(services, PlanRecord(plan, origin, placed, known[trajectory], after))
+    return _kept(services, PlanRecord(plan, origin, placed, known[trajectory], after=after))
 
 
 def make_motion(
-    services: Services, call: PlanMotion, *, run: str = "", cancelled: _Asked | None = None
+    services: Services, call: PlanMotion, *, edits: str = "", run: str = "", cancelled: _Asked | None = None
 ) -> tuple[PlanRecord, PlanPreview]:
-    """Plan a motion to goals among all instances, keep and show it. Raises ActivityFailed as `make_plan` does."""
+    """Plan a motion to goals among all instances, keep and show it. Raises ActivityFailed as `make_plan` does.
+
+    `edits`: id of the plan that it is another version of.
+    """
     world, instances = start_of(services, call.after), services.affordances.instances()
     with _telling("no plan to the goals", "can't plan to the goals"):
         plan = services.planner.motion(call, instances, world.command, cancelled=cancelled)
     used = tuple(each for each in instances if each.name in plan.made_from)
     asked: dict[str, float | str] = {"goals": plan.label, "arm": call.arm, "clearance": call.clearance}
-    asked |= {"after": call.after} if call.after else {}
+    asked |= ({"after": call.after} if call.after else {}) | ({"edits": edits} if edits else {})
     origin = Origin(world, services.description.joints, used, asked, run)
-    return _kept(services, PlanRecord(plan, origin, after=call.after))
+    return _kept(services, PlanRecord(plan, origin, asked=call, after=call.after))
+
+
+def make_edit(services: Services, call: EditPlan) -> tuple[PlanRecord, PlanPreview]:
+    """Plan a motion anew with a key frame more or another one, keep and show it. Raises ActivityFailed as `make_plan` does."""
+    try:
+        record = services.plans.get(call.id)
+    except RefusedError as refused:
+        raise ActivityFailed("refused", str(refused)) from refused
+    before = record.asked
+    if before is None:
+        raise ActivityFailed(
+            "refused",
+            f"{call.id} ({record.plan.label}) is a stroke at a template, and has no key frames; expected a motion to goals. "
+            "Move the template, or plan a motion and the stroke from where it ends",
+        )
+    frames = list(before.through)
+    if call.frame > len(frames):
+        raise ActivityFailed("refused", f"frame: got {call.frame}; expected at most {len(frames)}, which is the end")
+    if call.frame == len(frames):
+        return make_motion(services, msgspec.structs.replace(before, goals=call.goals), edits=call.id)
+    if call.frame >= 0:
+        frames[call.frame] = KeyFrame(goals=call.goals)
+    else:
+        if not call.time <= record.plan.duration:
+            raise ActivityFailed("refused", f"time: got {call.time:g}; expected at most {record.plan.duration:.3f} s")
+        frames.insert(bisect.bisect(record.plan.key_times, call.time), KeyFrame(goals=call.goals))
+    return make_motion(services, msgspec.structs.replace(before, through=frames), edits=call.id)
 
 
 def start_of(services: Services, after: str) -> World:

@@ -13,7 +13,7 @@ import msgspec
 from affordance_templates.instance import Instance
 from affordance_templates.template import ResolvedTrajectory
 from engines.freshness import Array, Cause, Origin, World, causes
-from handrail.messages import ActionEvent, PlanPreview
+from handrail.messages import ActionEvent, PlanMotion, PlanPreview
 from handrail.topics import refuse
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ class PlanRecord:
     instance: Instance | None = None
     trajectory: ResolvedTrajectory | None = None
     """None: a motion to goals"""
+    asked: PlanMotion | None = None
+    """of a motion to goals"""
     after: str = ""
     """id of the plan from whose end it was planned; empty: from where the robot was"""
     reached: int = -1

@@ -38,6 +38,7 @@ from handrail.messages import (
     Deploy,
     Deployment,
     Disable,
+    EditPlan,
     Enable,
     EngineSnapshot,
     ExecutePlan,
@@ -235,6 +236,12 @@ class Client:
     ) -> PlanPreview:
         """Plan a motion to goals; `more` are PlanMotion's other fields. Refused, with the reason, when infeasible."""
         return self.call(PlanMotion(goals=list(goals), arm=arm, **more), timeout_s)
+
+    def edit_plan(
+        self, plan: str, goals: Sequence[Goal], *, time: float = 0.0, frame: int = -1, timeout_s: float | None = None
+    ) -> PlanPreview:
+        """Plan a motion anew with a key frame more, `time` s into it, or with key frame `frame` changed; see EditPlan."""
+        return self.call(EditPlan(id=plan, goals=list(goals), time=time, frame=frame), timeout_s)
 
     def get_plan(self, plan: str, *, details: bool = False) -> PlanPreview:
         """A plan by its id, and whether it is still fresh; `details`: also what it was made from and keeps along its way."""

@@ -1397,7 +1397,8 @@ class PlanOrigin(msgspec.Struct, kw_only=True):
     time_ns: int
     """robot's clock when it was begun"""
     asked: dict[str, float | str]
-    """what was asked for: instance, trajectory, arm, arc and entry_shift rad; of a motion goals, in words, arm, clearance m"""
+    """what was asked for: instance, trajectory, arm, arc and entry_shift rad; of a motion goals, in words, arm, clearance m;
+    `after` and `edits`: ids of plans"""
     run: str = ""
     """id of the run that made it; empty: a client asked"""
     instances: list[InstanceState] = []
@@ -1448,6 +1449,8 @@ class PlanPreview(Message):
     arm: str = ""
     waypoints: list[PlanWaypoint] = []
     """one a segment"""
+    key_times: list[float] = []
+    """s from the plan's start, when a motion passes each of its key frames (EditPlan)"""
     origin: PlanOrigin | None = None
     measures: dict[str, PlanSeries] = {}
     """clearance m, residual m, tilt rad, limit_margin rad, torque_share"""
@@ -1569,6 +1572,23 @@ class PlanMotion(Message):
     duration: NonNegative = 0.0
     """s, at least"""
     label: str = ""
+
+
+@_travels(priority=1, remote=True)
+class EditPlan(Message):
+    """Plan a motion anew, with what an operator dragged its ghost to as one key frame more, or in place of one that it has.
+
+    The new plan keeps the edit, and so do plans that are edits of it. It begins where the robot is now, or where the plan before it
+    ends. Refused for a stroke at a template, which has no key frames.
+    """
+
+    id: Name
+    goals: Annotated[list[Goal], Meta(min_length=1, max_length=32)]
+    """what must hold there"""
+    time: NonNegative = 0.0
+    """s from the plan's start: where a new key frame goes among those that there are"""
+    frame: Annotated[int, Meta(ge=-1)] = -1
+    """number of the key frame to change, from 0; as many as there are: the motion's end; -1: none, it is a new one"""
 
 
 @_travels(priority=1, remote=True)
@@ -1791,6 +1811,7 @@ GetInstances.Reply = Instances
 GetPlan.Reply = PlanPreview
 MakePlan.Reply = PlanPreview
 PlanMotion.Reply = PlanPreview
+EditPlan.Reply = PlanPreview
 ListLibrary.Reply = Library
 Deploy.Reply = Deployment
 Run.Reply = RunState
@@ -1808,6 +1829,7 @@ EngineCall = (
     | GetPlan
     | MakePlan
     | PlanMotion
+    | EditPlan
     | ExecutePlan
     | ListLibrary
     | Deploy

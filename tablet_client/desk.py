@@ -308,7 +308,15 @@ class Desk(QObject):
         plans = self.situation.plans
         plan, track = plans.shown, plans.track
         if plan is None or track is None:
-            return {"shown": False, "marks": [], "figures": [], "duration": 0.0, "segment": "", "playing": False}
+            return {
+                "shown": False,
+                "marks": [],
+                "keys": [],
+                "figures": [],
+                "duration": 0.0,
+                "segment": "",
+                "playing": False,
+            }
         found = figures(plan)
         worst = next((figure for figure in found if figure.code == CLEARANCE.code), None)
         return {
@@ -325,6 +333,7 @@ class Desk(QObject):
                     track.marks, [*(at for _, at in track.marks[1:]), track.duration], strict=True
                 )
             ],
+            "keys": list(plan.key_times),
             "figures": [_shown(figure) for figure in found],
             "worstAt": worst.at if worst is not None else -1.0,
             "worstLevel": worst.level if worst is not None else "good",

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from engines.activities.base import Activity, Argument, Kind
-from engines.plan_making import make_motion, make_plan
 from handrail.messages import PlanMotion
 
 _STROKE = ("instance", "trajectory")
@@ -45,6 +44,8 @@ class PlanActivity(Activity):
         return (odd[0], "without goals; expected goals") if odd else ("", "")
 
     def run(self) -> dict[str, Any]:
+        from engines.plan_making import make_motion, make_plan  # which imports this package
+
         self.services.daemon.hold_time(self.context.hold_s)
         values = self.values
         after = str(values["after"] or "")

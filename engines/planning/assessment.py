@@ -32,6 +32,7 @@ class Assessor:
         others = {joint for other in description.arms.values() if other.name != arm.name for joint in other.joints}
         self._own = np.array([row for row, joint in enumerate(arm.joints) if joint not in others])
         self._torque_limit = description.torque_limit[self.rows]
+        self._friction = np.array([actuator.friction for actuator in description.actuators])[self.rows]
 
     def all_joints(self, q: Array) -> Array:
         """(k, n) positions of the whole robot for the arm's (k, m)."""
@@ -63,12 +64,13 @@ class Assessor:
     def torque_shares(self, times: Array, q: Array, velocities: Array, forces: Array) -> Measure:
         """Share of its limit that the hardest worked of the arm's joints needs, over a motion's (k,) s, (k, m) rad and rad/s.
 
-        Inverse dynamics, with `forces` (k, 3) N acting on the tip; accelerations are the velocities' differences.
+        Inverse dynamics and friction, `forces` (k, 3) N acting on the tip; accelerations are the velocities' differences.
         """
         accelerations = np.gradient(velocities, times, axis=0)
         torques = self._kinematics.inverse_dynamics(
             self.all_joints(q), self._spread(velocities), self._spread(accelerations)
         )[:, self.rows]
+        torques += self._friction * np.sign(velocities)
         pushed = forces.any(axis=1)
         for row, position in zip(np.flatnonzero(pushed), self.all_joints(q[pushed]), strict=True):
             torques[row] -= self._kinematics.jacobian(position, self.arm.tip)[:3, self.rows].T @ forces[row]

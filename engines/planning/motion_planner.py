@@ -234,7 +234,7 @@ class _Search:
         first: Infeasible | None = None
         for name, paths in self._ways():
             try:
-                segments, verified = self._timed(paths, limits, name)
+                segments, verified, key_times = self._timed(paths, limits, name)
             except Infeasible as problem:
                 first = first or problem
                 continue
@@ -248,6 +248,7 @@ class _Search:
                 start=self._start[self._rows],
                 clearance=min(one.clearance.worst().value for one in verified),
                 limit_margin=min(one.limit_margin.worst().value for one in verified),
+                key_times=key_times,
             )
         raise first or Infeasible("way", 0.0, "rad", "goals", "was not found")
 
@@ -356,8 +357,10 @@ class _Search:
 
     # ------------------------------------------------------------------------------------------------------ time and checks
 
-    def _timed(self, ways: list[Array], limits: Limits, name: str) -> tuple[tuple[Segment, ...], list[Verified]]:
-        """Segments through the ways, verified. Raises Infeasible."""
+    def _timed(
+        self, ways: list[Array], limits: Limits, name: str
+    ) -> tuple[tuple[Segment, ...], list[Verified], tuple[float, ...]]:
+        """Segments through the ways, verified, and s at which key frames are passed. Raises Infeasible."""
         self._progress("time, and a check of all of it")
         motion = self._motion
         whole = name == "spline"
@@ -378,9 +381,9 @@ class _Search:
             verified.append(found)
             measures = (*found.measures, carried, *self._met(goals, knots))
             segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
-        if whole:
-            self._passes(segments[0])
-        return tuple(segments), verified
+        ends = np.cumsum([segment.duration for segment in segments])
+        passed = self._passes(segments[0]) if whole else tuple(ends[:-1].tolist())
+        return tuple(segments), verified, passed
 
     def _certain(self, knots: Knots, where: str) -> None:
         """Raise Infeasible unless the motion between the knots, a cubic through them, keeps clear all along."""
@@ -414,10 +417,10 @@ class _Search:
             places.append(pin.updateFramePlacement(model, data, tip).translation.copy())
         return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / _TIP_SPEED if len(places) > 1 else 0.0
 
-    def _passes(self, segment: Segment) -> None:
-        """Raise Infeasible unless a segment comes by every key frame, in their order."""
+    def _passes(self, segment: Segment) -> tuple[float, ...]:
+        """s at which a segment comes by every key frame, in their order. Raises Infeasible unless it does."""
         q = self._whole(segment.positions)
-        first = 0
+        first, passed = 0, list[float]()
         for number, goals in enumerate(self._motion.through):
             missed = [self._planner._solver.checker.measures(goals, one) for one in q[first:]]
             sizes = [max((m.size for m in measures), default=0.0) for measures in missed]
@@ -427,6 +430,8 @@ class _Search:
                 words = f"({worst.what}) is {worst.value:.3g} {worst.unit}"
                 raise Infeasible(worst.constraint, worst.by, worst.unit, f"through[{number}]", words)
             first += best
+            passed.append(float(segment.times[first]))
+        return tuple(passed)
 
     def _check(self) -> None:
         if self._cancelled():

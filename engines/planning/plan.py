@@ -92,6 +92,8 @@ class Plan:
     """rad, the smallest distance to a joint's limit"""
     outputs: Mapping[str, float] = field(default_factory=dict)
     """entry_angle, end_angle, arc_centre in rad about the template's joint"""
+    key_times: tuple[float, ...] = ()
+    """s, when a motion's key frames are passed, in their order"""
 
     @property
     def duration(self) -> float:
@@ -142,6 +144,7 @@ class Plan:
             duration=self.duration,
             arm=self.arm,
             waypoints=self.waypoints,
+            key_times=[round(time, 3) for time in self.key_times],
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from rich.text import Text
 
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.link.keys import KeysError
-from handrail.messages import PlanPreview
+from handrail.messages import FrameGoal, PlanPreview, Pose, PostureGoal
 from handrail.plan.words import figure_of, value_of, worst_of
 
 app = typer.Typer(help="Look at plans.", no_args_is_help=True, add_completion=False)
@@ -29,6 +30,9 @@ _COLUMNS = {
     "limit_margin": "limit margin",
     "torque_share": "torque",
 }
+
+_NUMBERS = {"ignore_unknown_options": True}
+"""so that -0.3 is a number and no option"""
 
 Plan = Annotated[str, typer.Argument(help="Its id, the end of one, `last`, or a file that `export` wrote.")]
 ConnectTo = Annotated[str, typer.Option("--connect", help="Address of the robot's link.")]
@@ -72,6 +76,73 @@ def make(
     with _robot(connect_to, keys) as robot:
         plan = robot.plan(instance, trajectory, arm)
         _show(robot.get_plan(plan.id, details=True))
+
+
+@app.command(context_settings=_NUMBERS)
+def reach(
+    arm: Annotated[str, typer.Argument(help="Which arm.")],
+    x: Annotated[float, typer.Argument(help="m")],
+    y: Annotated[float, typer.Argument(help="m")],
+    z: Annotated[float, typer.Argument(help="m, of the tool's tip: in the world, or in an instance's frame.")],
+    orientation: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option("--orientation", help="x y z w, a unit quaternion; none: any."),
+    ] = None,
+    instance: Annotated[str, typer.Option(help="Whose frame it is said in; none: the world.")] = "",
+    feature: Annotated[str, typer.Option(help="A joint of the instance's, or TRAJECTORY.WAYPOINT.")] = "",
+    after: Annotated[str, typer.Option(help="Id of a plan from whose end; none: from where the robot is.")] = "",
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Plan a motion of an arm's tool tip to a place, and show it. Nothing moves."""
+    goal = _tip_at((x, y, z), orientation, instance, feature)
+    with _robot(connect_to, keys) as robot:
+        _show(robot.get_plan(robot.plan_motion([goal], arm, after=after).id, details=True))
+
+
+@app.command()
+def posture(
+    name: Annotated[str, typer.Argument(help="One of the robot's postures.")],
+    arm: Annotated[str, typer.Option(help="Whose joints move.")] = "",
+    joints: Annotated[list[str] | None, typer.Option(help="Joints or groups that move, in place of an arm's.")] = None,
+    after: Annotated[str, typer.Option(help="Id of a plan from whose end; none: from where the robot is.")] = "",
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Plan a motion to a posture of the robot's, of all joints if neither arm nor joints are named. Nothing moves."""
+    with _robot(connect_to, keys) as robot:
+        moving = joints or ([] if arm else robot.robot().joints)
+        plan = robot.plan_motion([PostureGoal(name=name)], arm, joints=moving, after=after)
+        _show(robot.get_plan(plan.id, details=True))
+
+
+@app.command(context_settings=_NUMBERS)
+def edit(
+    x: Annotated[float, typer.Argument(help="m")],
+    y: Annotated[float, typer.Argument(help="m")],
+    z: Annotated[float, typer.Argument(help="m, of the tool's tip in the world.")],
+    plan: Annotated[str, typer.Option(help="Its id, the end of one, or `last`.")] = "last",
+    time: Annotated[float, typer.Option(min=0.0, help="s into the plan, where a key frame more goes.")] = 0.0,
+    frame: Annotated[int, typer.Option(min=-1, help="Change this key frame, from 0, instead.")] = -1,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Plan a motion to goals anew so that the tool's tip passes a place; later edits keep it. Nothing moves."""
+    with _robot(connect_to, keys) as robot:
+        id = _id(plan, [each.id for each in robot.snapshot().plans])
+        new = robot.edit_plan(id, [_tip_at((x, y, z))], time=time, frame=frame)
+        _show(robot.get_plan(new.id, details=True))
+
+
+def _tip_at(
+    place: tuple[float, float, float],
+    orientation: tuple[float, float, float, float] | None = None,
+    instance: str = "",
+    feature: str = "",
+) -> FrameGoal:
+    pose = Pose(position=place) if orientation is None else Pose(position=place, orientation=orientation)
+    angle = math.pi if orientation is None else 0.0
+    return FrameGoal(pose=pose, angle=angle, instance=instance, feature=feature)
 
 
 @app.command()
@@ -184,6 +255,9 @@ def _show(plan: PlanPreview) -> None:
             found = getattr(at, measure)
             line = f"{words}: {found.about}, {figure_of(measure, found.value)} at {found.time:.2f} s"
             _out.print(line, highlight=False, markup=False, soft_wrap=True)
+    if plan.key_times:
+        passed = ", ".join(f"{number} at {time:.2f} s" for number, time in enumerate(plan.key_times))
+        _out.print(f"passes key frames {passed}", highlight=False, markup=False, soft_wrap=True)
     if plan.origin is not None:
         _origin(plan)
 

@@ -181,6 +181,17 @@ Rectangle {
                             color: modelData.level === "good" ? Theme.muted : Words.levelColor(modelData.level)
                         }
                     }
+                    // Key frames that it passes.
+                    Repeater {
+                        model: bar.view.keys
+                        Rectangle {
+                            required property var modelData
+                            x: modelData / slider.to * parent.width - width / 2
+                            anchors.verticalCenter: parent.verticalCenter
+                            width: Math.round(9 * Theme.scale); height: width; rotation: 45
+                            color: Theme.text
+                        }
+                    }
                     // Where it comes nearest to anything.
                     Canvas {
                         objectName: "worstClearance"

@@ -48,6 +48,7 @@ QtObject {
             plan_missing: qsTr("waiting for the plan"),
             stale: qsTr("plan is stale"),
             stale_executed: qsTr("was executed already"),
+            stale_not_yet: qsTr("the plan before it is due"),
             stale_instance_removed: qsTr("template is gone"),
             stale_instance_moved: qsTr("template was moved"),
             stale_instance_parameters: qsTr("template was changed"),

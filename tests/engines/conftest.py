@@ -281,7 +281,9 @@ class FakePlanner:
         segment = Segment("goals", np.linspace(0, 1, 5), way, np.zeros((5, 2)))
         made_from = {each.name: each.version for each in instances}
         id = f"plan-{len(self.asked)}"
-        return Plan(id, call.label or "to goals", call.arm, JOINTS[:2], (segment,), made_from, way[0], 0.05, 0.2)
+        passed = tuple(np.linspace(0, 1, len(call.through) + 2)[1:-1].tolist())
+        label = call.label or "to goals"
+        return Plan(id, label, call.arm, JOINTS[:2], (segment,), made_from, way[0], 0.05, 0.2, key_times=passed)
 
 
 class Stack:

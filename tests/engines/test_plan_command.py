@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -26,6 +28,15 @@ class LocalClient:
 
     def plan(self, instance, trajectory, arm):
         return self._stack.call(m.MakePlan(instance=instance, trajectory=trajectory, arm=arm))
+
+    def robot(self):
+        return SimpleNamespace(joints=["angle", "depth", "other"])
+
+    def plan_motion(self, goals, arm, **more):
+        return self._stack.call(m.PlanMotion(goals=goals, arm=arm, **more))
+
+    def edit_plan(self, plan, goals, **more):
+        return self._stack.call(m.EditPlan(id=plan, goals=goals, **more))
 
     def get_plan(self, plan, *, details):
         return self._stack.call(m.GetPlan(id=plan, details=details))
@@ -76,6 +87,23 @@ def test_a_plan_goes_to_a_file_and_comes_back_from_it_as_it_was(stack, handrail,
     drawn = handrail("plot", file, "--png", picture)
     assert drawn.exit_code == 0 and str(picture) in drawn.output
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_motions_are_planned_to_a_place_to_a_posture_and_edited(handrail, planner):
+    assert handrail("reach", "right", 0.4, -0.35, -0.1).exit_code == 0
+    reach = planner.asked[-1]["call"]
+    assert reach.goals == [m.FrameGoal(pose=m.Pose(position=(0.4, -0.35, -0.1)), angle=math.pi)]
+    handrail("reach", "left", 0, 0, 0, "--orientation", 0, 0, 0, 1, "--instance", "wheel_1", "--feature", "hinge")
+    there = planner.asked[-1]["call"]
+    assert there.goals == [m.FrameGoal(pose=m.Pose(), instance="wheel_1", feature="hinge")] and there.arm == "left"
+    edited = handrail("edit", 0.3, -0.2, 0.1, "--plan", "plan-1", "--time", 0.5)
+    assert "passes key frames 0 at 0.50 s" in edited.output
+    assert planner.asked[-1]["call"].through[0].goals[0].pose.position == (0.3, -0.2, 0.1)
+    handrail("posture", "ready")
+    assert planner.asked[-1]["call"].joints == ["angle", "depth", "other"]
+    handrail("posture", "ready", "--arm", "right", "--after", "plan-3")
+    last = planner.asked[-1]["call"]
+    assert (last.goals, last.arm, last.joints, last.after) == ([m.PostureGoal(name="ready")], "right", [], "plan-3")
 
 
 def test_what_can_not_be_shown_says_why(stack, handrail, tmp_path, monkeypatch):

@@ -1,0 +1,54 @@
+"""Key frames: what an operator drags a ghost to is kept by the new plan, and by edits of that one."""
+
+from __future__ import annotations
+
+import pytest
+
+from handrail import messages as m
+
+
+def at(angle: float) -> list[m.Goal]:
+    return [m.JointsGoal(positions={"angle": angle})]
+
+
+@pytest.fixture
+def reach(stack) -> m.PlanPreview:
+    return stack.call(m.PlanMotion(goals=at(0.5), arm="right", clearance=0.02, label="aside"))
+
+
+def frames(planner) -> list[float]:
+    """Where the last plan's key frames, and at last its goals, have the first joint."""
+    call = planner.asked[-1]["call"]
+    return [goals[0].positions["angle"] for goals in (*(frame.goals for frame in call.through), call.goals)]
+
+
+def test_edits_go_in_between_by_their_time_and_stay_in_later_ones(stack, planner, reach):
+    assert reach.key_times == []
+    first = stack.call(m.EditPlan(id=reach.id, goals=at(0.3), time=0.4))
+    assert frames(planner) == [0.3, 0.5]
+    assert (first.label, first.key_times) == ("aside", [0.5])
+    assert planner.asked[-1]["call"].clearance == 0.02, "all else is asked for as before"
+    second = stack.call(m.EditPlan(id=first.id, goals=at(0.1), time=0.2))
+    third = stack.call(m.EditPlan(id=second.id, goals=at(0.4), time=0.9))
+    assert frames(planner) == [0.1, 0.3, 0.4, 0.5]
+    assert stack.call(m.GetPlan(id=third.id, details=True)).origin.asked["edits"] == second.id
+    assert stack.call(m.GetPlan(id=reach.id)).key_times == [], "the plan that was edited is what it was"
+
+
+def test_a_key_frame_or_the_end_is_changed_in_place(stack, planner, reach):
+    first = stack.call(m.EditPlan(id=reach.id, goals=at(0.3), time=0.4))
+    second = stack.call(m.EditPlan(id=first.id, goals=at(0.2), frame=0))
+    assert frames(planner) == [0.2, 0.5]
+    stack.call(m.EditPlan(id=second.id, goals=at(0.6), frame=1))
+    assert frames(planner) == [0.2, 0.6]
+
+
+def test_an_edit_that_can_not_be_is_refused_with_what_could(stack, planner, reach):
+    assert "expected at most 1.000 s" in stack.refusal(m.EditPlan(id=reach.id, goals=at(0.3), time=1.5)).message
+    assert "frame: got 1; expected at most 0" in stack.refusal(m.EditPlan(id=reach.id, goals=at(0.3), frame=1)).message
+    assert "no such plan" in stack.refusal(m.EditPlan(id="plan-99", goals=at(0.3))).message
+    stack.place()
+    stroke = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
+    assert "expected a motion to goals" in stack.refusal(m.EditPlan(id=stroke.id, goals=at(0.3))).message
+    planner.infeasible = True
+    assert "elbow limit missed by 0.12 rad" in stack.refusal(m.EditPlan(id=reach.id, goals=at(0.3))).message

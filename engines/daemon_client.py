@@ -79,6 +79,7 @@ class DaemonClient:
         self._command: np.ndarray | None = None
         self._base: Base | None = None
         self._time_ns = 0
+        self._clocks: list[Callable[[int], None]] = []
         self._last_heard = -float("inf")
         self._status: DaemonStatus | None = None
         self._own = threading.local()
@@ -144,6 +145,15 @@ class DaemonClient:
             self._watches[action] = watch
         return watch
 
+    def tell_time(self, clock: Callable[[int], None]) -> None:
+        """Have `clock` told the robot's time, ns, at each state, from the listening thread; it must return at once."""
+        self._clocks.append(clock)
+
+    def tell_no_time(self, clock: Callable[[int], None]) -> None:
+        """End that."""
+        if clock in self._clocks:
+            self._clocks.remove(clock)
+
     def forget(self, watch: ActionWatch) -> None:
         """End a watch."""
         with self._lock:
@@ -189,6 +199,9 @@ class DaemonClient:
             watch.tell(message)
         if elsewhere:
             self.rested()
+        if newer and isinstance(message, RobotState):
+            for clock in tuple(self._clocks):
+                clock(message.time_ns)
 
     def _elsewhere(self, state: RobotState) -> bool:
         command, base = self._rested_at

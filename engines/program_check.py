@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import keyword
+import math
 from collections.abc import Iterable, Set
 from typing import Any
 
@@ -28,6 +29,8 @@ from handrail.config import ConfigError
 ERROR_OUTPUTS = frozenset({"message", "reason", "source"})
 """what `_event.data` has after `error.execution`"""
 RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure"})
+RETRIES = "retries_of_"
+"""and a state's id: how often its activity was begun anew already, since the state was entered"""
 STOPPED = "stopped"
 """id of the final state that every chart gets, for StopRun"""
 
@@ -58,6 +61,8 @@ def _check_names(program: Program) -> None:
             field = f"{where}.{name}"
             if not name.isidentifier() or name.startswith("_") or keyword.iskeyword(name) or name in RESERVED:
                 raise program.document.error(field, f"{name!r} can't be used in expressions; expected another name")
+            if name.startswith(RETRIES):
+                raise program.document.error(field, f"{name!r} is for the retries of a state; expected another name")
             if name in seen:
                 raise program.document.error(field, f"{name!r} is in {seen[name]} too; expected one of each name")
             seen[name] = where
@@ -94,6 +99,8 @@ def _check_shape(program: Program, state: State) -> None:
     roots = [root for root in program.roots if root.file.initial]
     if len(roots) > 1:
         raise error(f"{roots[1].path}.initial", f"{roots[0].id!r} is initial already; expected one among siblings")
+    if file.retry and not file.do:
+        raise error(f"{state.path}.retry", f"got {file.retry}; expected it where there is something to `do`")
     if file.parallel and not state.children:
         raise error(f"{state.path}.parallel", "a parallel state without states in it; expected at least one")
     if file.final:
@@ -115,9 +122,26 @@ def _check_transition(program: Program, state: State, transition: Transition, st
             raise program.document.error(f"{path}.target", f"no state {target!r}; expected one of {', '.join(states)}")
     if file.target is None and not file.set:
         raise program.document.error(path, "leads nowhere and sets nothing; expected `target` or `set`")
-    if file.event is None and file.target is None:
+    if file.after is not None:
+        if file.event is not None:
+            raise program.document.error(f"{path}.after", "a time-out with an event; expected one of the two")
+        if not isinstance(file.after, str) and not 0 < file.after < math.inf:
+            raise program.document.error(f"{path}.after", f"got {file.after:g}; expected a time in s, above 0")
+        _check_expression(program, f"{path}.after", file.after, frozenset())
+        if isinstance(program.variables.get(str(file.after)), str):
+            raise program.document.error(f"{path}.after", f"{file.after} is a text; expected a time in s")
+        if transition not in state.transitions:
+            raise program.document.error(
+                f"{path}.after", "nobody stays in a history; expected it at a state's transition"
+            )
+    if file.event is None and file.after is None and file.target is None:
         raise program.document.error(path, "would be taken without end; expected `event` or `target`")
-    if file.event is None and file.cond is None and file.target in {each.id for each in state.lineage()}:
+    if (
+        file.event is None
+        and file.after is None
+        and file.cond is None
+        and file.target in {each.id for each in state.lineage()}
+    ):
         raise program.document.error(path, "is always taken and leads back here; expected `event` or `cond`")
     outputs: Set[str] | None = None
     for event in (file.event or "").split():
@@ -282,7 +306,8 @@ def _check_expression(program: Program, path: str, text: Any, outputs: Set[str],
             path,
             f"{text!r} is not an expression that is allowed here ({reason}); expected {_GRAMMAR}",
         ) from problem
-    known = {*program.variables, *program.parameters, *program.resources, *CONSTANTS, "failure"}
+    retries = {f"{RETRIES}{state.id}" for state in program.states() if state.file.retry}
+    known = {*program.variables, *program.parameters, *program.resources, *CONSTANTS, *retries, "failure"}
     for node in ast.walk(tree):
         if (
             isinstance(node, ast.Name)

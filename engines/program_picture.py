@@ -112,6 +112,8 @@ def _label(state: State) -> str:
 def _way_label(state: State, way: Transition) -> str:
     short = {f"done.invoke.{state.id}": "done", f"done.state.{state.id}": "done", "error.execution": "failed"}
     lines = [short.get(event, event) for event in (way.file.event or "").split()]
+    if way.file.after is not None:
+        lines.append(f"after {way.file.after} s")
     if way.file.cond:
         lines += _wrapped(f"[{way.file.cond.replace('_event.data.', '')}]")
     told = [f'<font color="{_DIM}">{_text(line)}</font>' for name in way.file.set for line in _wrapped(f"sets {name}")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -40,6 +40,8 @@ class TransitionFile(_Struct):
 
     target: str | None = None
     event: str | None = None
+    after: float | str | None = None
+    """s of the run's time in the state (a number, or an expression), instead of an event: a time-out"""
     cond: str | None = None
     set: dict[str, Any] = {}
     title: str = ""
@@ -61,6 +63,8 @@ class StateFile(_Struct, rename={"with_": "with"}):
     parallel: bool = False
     do: str = ""
     with_: dict[str, Any] = {}
+    retry: Annotated[int, msgspec.Meta(ge=0)] = 0
+    """how often its activity is begun anew when it fails, before any transition for the failure counts"""
     transitions: list[Any] = []
     states: dict[str, Any] = {}
     history: dict[str, Any] = {}

@@ -19,6 +19,7 @@ from engines.motion import Motion
 from engines.parts import Parts
 from engines.plans import PlanRecord
 from engines.program import State
+from engines.run_clock import RunClock
 from engines.run_gate import RunGate
 from engines.run_history import RunHistory
 from engines.statechart import Chart
@@ -77,12 +78,18 @@ class ProgramRun:
         program = deployed.program
         self._parameters = {**deployed.parameters, **self._start.parameters}
         self._context = Context(services, self._start.run or f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
-        self._gate = RunGate(self._waits)
+        self._gate, self._clock = RunGate(self._waits), RunClock()
         self._gate.set_breakpoints(breakpoints)
         self._history = RunHistory(lambda: services.daemon.time_ns)
         names = {**deployed.names(), **self._start.variables, **self._parameters}
         self._chart = Chart(
-            program, names, self._activity, gate=self._gate, history=self._history, start_at=self._start.states
+            program,
+            names,
+            self._activity,
+            gate=self._gate,
+            clock=self._clock,
+            history=self._history,
+            start_at=self._start.states,
         )
         self._lock = threading.RLock()
         self._state = RunState(
@@ -122,9 +129,11 @@ class ProgramRun:
         """Begin."""
         if self._start.paused:
             self._gate.close()
+            self._clock.stand()
             self._tell(status="paused", active=list(self._start.states), detail=self._start.paused)
         else:
             self._tell(status="running")
+        self._services.daemon.tell_time(self._clock.tick)
         self._thread.start()
         return self.state
 
@@ -135,6 +144,7 @@ class ProgramRun:
             if self._state.status != "running":
                 raise refuse("the program does not run", "status", self._state.status, "running")
             _reach(self._motion.pause)
+            self._clock.stand()
             self._gate.close()
             self._tell(status="paused")
 
@@ -152,6 +162,7 @@ class ProgramRun:
             if self._state.status != "paused":
                 raise refuse("the program is not paused", "status", self._state.status, "paused")
             _reach(self._motion.resume)
+            self._clock.go()
             self._gate.open(one_step=one_step)
             self._tell(status="running", detail="")
 
@@ -221,6 +232,9 @@ class ProgramRun:
         self._thread.join(timeout_s)
 
     def _activity(self, state: State, values: Mapping[str, Any]) -> Activity:
+        if again := self._chart.retries(state):
+            why = self._chart.words("{failure}")
+            self._services.log("warning", f"{state.id}: once more ({again} of {state.file.retry}): {why}")
         return ACTIVITIES[state.file.do](self._context, values)
 
     def _waits(self, why: str) -> None:
@@ -231,6 +245,7 @@ class ProgramRun:
             if not why or self._stopping:
                 self._tell(**now)
                 return
+            self._clock.stand()
             try:
                 self._motion.pause()  # what a parallel state moves
             except Unreachable as silent:
@@ -255,6 +270,7 @@ class ProgramRun:
             _log.exception("%s crashed", self._context.run)
             status, detail = "failed", f"the engine's own error: {type(crash).__name__}: {crash}"
         finally:
+            self._services.daemon.tell_no_time(self._clock.tick)
             self._services.daemon.release_time()
         if not self._motion.settled(_SETTLE_S):
             self._services.log("warning", "the program has ended, but the daemon has not told that its motion has")

@@ -23,8 +23,9 @@ from statemachine.io.yaml.reader import YAMLReader
 from engines import nested
 from engines.activities.base import SHAPES, Activity, ActivityFailed, Argument, Kind, goals_in
 from engines.program import CONSTANTS, Program, State, Transition
-from engines.program_check import STOPPED
+from engines.program_check import RETRIES, STOPPED
 from engines.program_expressions import ProgramEvaluator
+from engines.run_clock import RunClock
 from engines.run_gate import RunGate
 from engines.run_history import RunHistory
 from engines.text import fill
@@ -34,6 +35,10 @@ from handrail.topics import Unreachable
 _INVOKE_TYPE = "handrail"
 _STOP = "handrail.stop"
 _TAKE = "handrail.take"
+_AFTER = "handrail.after"
+_RETRY = "handrail.retry"
+_FOR_GOOD = frozenset({"bad_argument", "cancelled", "crashed", "refused", "stopped", "taken_over"})
+"""reasons of failures that another attempt would not change, or that somebody wants"""
 _log = logging.getLogger(__name__)
 
 Make = Callable[[State, Mapping[str, Any]], Activity]
@@ -68,6 +73,7 @@ class Chart(Interpreter):
         make: Make,
         *,
         gate: RunGate | None = None,
+        clock: RunClock | None = None,
         history: RunHistory | None = None,
         start_at: Iterable[str] = (),
     ):
@@ -75,14 +81,17 @@ class Chart(Interpreter):
 
         :param names: the values of variables, parameters and resources
         :param gate: passed by every activity before it is made
+        :param clock: by which time-outs count
         :param history: told of each state that is entered and left
         :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
         :raises ValueError: no such state, or states that can't be active together
         """
         super().__init__(reader=YAMLReader(), evaluator=ProgramEvaluator())
         self.program, self._make, self._history = program, make, history
-        self.gate = gate or RunGate(lambda why: None)
-        self.data = ProgramData({**CONSTANTS, **names})
+        self.gate, self._clock = gate or RunGate(lambda why: None), clock or RunClock()
+        self._timeouts: dict[str, list[Callable[[], None]]] = {}
+        retries = {f"{RETRIES}{state.id}": 0 for state in program.states() if state.file.retry}
+        self.data = ProgramData({**CONSTANTS, **retries, **names})
         # What expressions are evaluated over; the machine itself does not exist yet when its first activities begin.
         self._names = SimpleNamespace(model=self.data)
         self._by_id = {state.id: state for state in program.states()}
@@ -155,20 +164,52 @@ class Chart(Interpreter):
 
     def before_transition(self, event_data: Any) -> None:
         """Keeps the last failure's words where expressions find them, as `failure`: an activity's, or an expression's own."""
-        if str(event_data.event) == "error.execution":
+        if str(event_data.event).startswith(("error.execution", _RETRY)):
             told = event_data.trigger_data.kwargs
             self.data.failure = str(told.get("message") or told.get("error", ""))
 
     def on_enter_state(self, state: Any) -> None:
-        """Told of each state that becomes active."""
-        if self._history is not None and state.id in self._by_id:
+        """A state becomes active: its time-outs begin."""
+        found = self._by_id.get(state.id)
+        if found is None:
+            return
+        if self._history is not None:
             self._history.entered(state.id)
+        for k, way in enumerate(found.transitions):
+            if way.file.after is not None:
+                self._begin_timeout(found.id, f"{_AFTER}.{found.id}.{k}", way.file.after)
+
+    def _begin_timeout(self, state: str, event: str, after: Any) -> None:
+        try:
+            seconds = float(self._value(after))
+            if not 0 < seconds < float("inf"):
+                raise ValueError(f"got {seconds:g}; expected a time in s, above 0")
+        except (NameError, TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as problem:
+            text = f"{state}: after: {after!r} is no time: {problem}"
+            self.post(Event("error.execution", {"message": text, "reason": "bad_argument", "source": state}))
+            return
+        take_back = self._clock.after(seconds, lambda: self.post(Event(event)))
+        self._timeouts.setdefault(state, []).append(take_back)
 
     def on_exit_state(self, state: Any, event: Any) -> None:
-        """Told of each state that is left."""
+        """A state is left: its time-outs end, and its retries, unless it is entered for another one."""
+        for take_back in self._timeouts.pop(state.id, []):
+            take_back()
+        found, name = self._by_id.get(state.id), str(event or "")
+        if found is not None and found.file.retry:
+            retries = f"{RETRIES}{state.id}"
+            again = name == f"{_RETRY}.{state.id}"
+            setattr(self.data, retries, getattr(self.data, retries) + 1 if again else 0)
         if self._history is not None:
-            name = str(event or "")
-            self._history.left(state.id, "operator" if name.startswith((_TAKE, _STOP)) else name)
+            self._history.left(state.id, _told(name))
+
+    def fails_for_good(self, state: State, reason: str) -> bool:
+        """Whether a failure of a state's activity is the program's to know: no retry is left, or none would help."""
+        return reason in _FOR_GOOD or self.retries(state) >= state.file.retry
+
+    def retries(self, state: State) -> int:
+        """How often the state's activity was begun anew since it was entered."""
+        return getattr(self.data, f"{RETRIES}{state.id}", 0)
 
     # --------------------------------------------------------------------------------------------------------------- values
 
@@ -246,7 +287,8 @@ class _ActivityInvoker:
                 self._running.cancel()
             return Event(f"done.invoke.{source}", self._running.run())
         except ActivityFailed as failed:
-            return Event("error.execution", {"message": str(failed), "reason": failed.reason, "source": source})
+            name = "error.execution" if self._chart.fails_for_good(self._state, failed.reason) else f"{_RETRY}.{source}"
+            return Event(name, {"message": str(failed), "reason": failed.reason, "source": source})
         except Exception as crash:  # noqa: BLE001
             # A defect in an activity must end the program by its own failure path, not leave it waiting for ever.
             _log.exception("activity %s of state %s crashed", self._state.file.do, source)
@@ -263,6 +305,13 @@ class _ActivityInvoker:
                 running.cancel()
             except Unreachable as silent:
                 _log.warning("state %s: %s", self._state.id, silent)
+
+
+def _told(event: str) -> str:
+    """An event's name, for people."""
+    if event.startswith((_TAKE, _STOP)):
+        return "operator"
+    return {_AFTER: "time-out", _RETRY: "retry"}.get(".".join(event.split(".")[:2]), event)
 
 
 def _initial(program: Program, states: Mapping[str, State], start_at: Iterable[str]) -> dict[str | None, str]:
@@ -293,7 +342,11 @@ def _native_state(state: State, initial: Mapping[str | None, str], first: bool) 
     if state.file.final:
         return {"final": True, "initial": first}
     native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel}
-    native["transitions"] = [_native_transition(way) for way in state.transitions]
+    native["transitions"] = [
+        _native_transition(way, f"{_AFTER}.{state.id}.{k}") for k, way in enumerate(state.transitions)
+    ]
+    if state.file.retry:
+        native["transitions"].append({"event": f"{_RETRY}.{state.id}", "target": state.id})
     native["transitions"] += [
         _taken(way, f"{_TAKE}.{state.id}.{k}") for k, way in enumerate(state.transitions) if way.file.target
     ]
@@ -316,10 +369,13 @@ def _native_state(state: State, initial: Mapping[str | None, str], first: bool) 
     return native
 
 
-def _native_transition(way: Transition) -> dict[str, Any]:
+def _native_transition(way: Transition, timeout: str = "") -> dict[str, Any]:
+    """`timeout`: the event that comes when the time is over that the transition waits for, where it does."""
     native: dict[str, Any] = {
         key: value for key in ("event", "target", "cond") if (value := getattr(way.file, key)) is not None
     }
+    if way.file.after is not None:
+        native["event"] = timeout
     return native | _sets(way.file.set)
 
 

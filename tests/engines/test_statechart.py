@@ -9,8 +9,11 @@ import pytest
 
 from engines import program
 from engines.activities.base import Activity, ActivityFailed
+from engines.run_clock import RunClock
 from engines.statechart import Chart, Event
 
+NOW = 7_000_000_000
+"""ns of the robot's clock when a run begins"""
 HEAD = "title: T\nresources: {arm: {kind: arm}, valve: {kind: instance}}\nvariables: {n: 0, answer: '', why: ''}\n"
 
 
@@ -39,7 +42,12 @@ class Step(Activity):
 
 
 @pytest.fixture
-def begin(tmp_path):
+def clock():
+    return RunClock()
+
+
+@pytest.fixture
+def begin(tmp_path, clock):
     steps: list[Step] = []
     made = threading.Condition()
 
@@ -54,7 +62,8 @@ def begin(tmp_path):
                 made.notify_all()
             return steps[-1]
 
-        chart = Chart(found, {**found.variables, "arm": "right", "valve": "wheel_1", **names}, make)
+        chart = Chart(found, {**found.variables, "arm": "right", "valve": "wheel_1", **names}, make, clock=clock)
+        clock.tick(NOW)
         chart.begin()
         return chart
 
@@ -190,3 +199,87 @@ def test_an_argument_without_a_value_fails_the_state_that_needs_it(begin):
     chart.step()
     assert chart.ended.id == "bad"
     assert "asking: arc: '1 / n' has no value" in chart.variables()["why"]
+
+
+WAITING = PROMPT.replace(
+    "    transitions:\n", "    transitions:\n      - {after: 2 + n, target: bad, set: {why: \"'too late'\"}}\n", 1
+)
+
+
+def test_a_time_out_leads_on_when_the_robots_time_is_over_and_not_before(begin, clock):
+    chart = begin(WAITING, n=1)
+    step = begin.step(1)
+    clock.tick(NOW + 2_990_000_000)
+    chart.post(Event("nothing"))
+    chart.step()
+    assert chart.active() == ["asking"]
+    clock.tick(NOW + 3_000_000_000)
+    chart.step()
+    assert chart.variables()["why"] == "too late"
+    assert step.cancelled.is_set()
+
+
+def test_a_time_out_waits_while_the_run_is_paused_and_ignores_another_clock(begin, clock):
+    chart = begin(WAITING)
+    clock.stand()
+    clock.tick(NOW + 4_000_000_000)
+    clock.go()
+    clock.tick(NOW + 500_000_000_000)  # the plant was started anew
+    clock.tick(NOW + 501_999_000_000)
+    chart.post(Event("nothing"))
+    chart.step()
+    assert chart.active() == ["asking"]
+    clock.tick(NOW + 502_000_000_000)
+    chart.step()
+    assert chart.ended.id == "bad"
+
+
+def test_a_time_out_begins_anew_with_its_state_and_ends_with_it(begin, clock):
+    chart = begin(WAITING)
+    clock.tick(NOW + 1_500_000_000)
+    begin.step(1).end({"answer": "again", "by": "me"})
+    chart.step()  # n is 1: 3 s from here
+    clock.tick(NOW + 4_400_000_000)
+    begin.step(2).end({"answer": "yes", "by": "me"})
+    chart.step()
+    assert chart.ended.id == "good"
+
+
+def test_a_time_out_that_is_none_is_a_failure_that_names_it(begin):
+    chart = begin(WAITING, n=-5)
+    chart.step()
+    assert "asking: after: '2 + n' is no time: got -3" in chart.variables()["why"]
+
+
+RETRIED = PROMPT.replace("do: prompt", "do: prompt\n    retry: 2").replace(
+    "{why: failure}", "{why: failure, n: retries_of_asking}"
+)
+
+
+def test_what_fails_is_begun_anew_as_often_as_the_state_says(begin):
+    chart = begin(RETRIED)
+    for attempt in (1, 2):
+        begin.step(attempt).end(ActivityFailed("stall", f"stuck {attempt}"))
+        chart.step()
+        assert chart.active() == ["asking"]
+        assert chart.retries(begin.step(attempt).state) == attempt
+    begin.step(3).end(ActivityFailed("stall", "stuck 3"))
+    chart.step()
+    assert chart.ended.id == "bad"
+    assert chart.variables()["why"] == "stuck 3"
+
+
+def test_retries_count_anew_when_the_state_is_entered_anew(begin):
+    chart = begin(RETRIED)
+    begin.step(1).end(ActivityFailed("stall", "stuck"))
+    chart.step()
+    begin.step(2).end({"answer": "again", "by": "me"})
+    chart.step()
+    assert chart.retries(begin.step(3).state) == 0
+
+
+def test_what_somebody_wanted_or_can_not_be_is_not_tried_again(begin):
+    chart = begin(RETRIED)
+    begin.step(1).end(ActivityFailed("taken_over", "somebody else commands the arm"))
+    chart.step()
+    assert chart.ended.id == "bad"

@@ -84,7 +84,7 @@ def test_the_hash_differs_when_the_content_differs_and_only_then(write):
             "transitions[0].after",
             "a time in s",
         ),
-        ("  good: {final: true,", "  good: {retry: 1, final: true,", 23, "states.good.retry", "something to `do`"),
+        ("  good: {final: true,", "  good: {retry: 1, final: true,", 24, "states.good.retry", "something to `do`"),
         ('  plan: ""', '  retries_of_plan: ""', 8, "variables.retries_of_plan", "expected another name"),
         ("do: plan\n", "do: plam\n", 12, "states.planning.do", "expected one of plan, execute, prompt, retreat"),
         ("target: moving", "target: movin", 15, "transitions[0].target", "expected one of planning, moving"),

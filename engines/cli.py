@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from engines import library
@@ -16,7 +17,7 @@ from engines.program import Program
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.config import ConfigError
 from handrail.link.keys import KeysError
-from handrail.messages import LogLine, Prompt, PromptClosed, RunState
+from handrail.messages import LogLine, Prompt, PromptClosed, RunState, TaskCheck
 
 app = typer.Typer(help="Check, list and run programs.", no_args_is_help=True, add_completion=False)
 _out = Console()
@@ -32,8 +33,25 @@ def check(
     programs: Annotated[
         list[str] | None, typer.Argument(help="Names in the library, or files; none: the whole library.")
     ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Rehearse them with this robot, at its home posture: every motion is planned.")
+    ] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="With --robot: what stands around, a scene whose objects templates know.")
+    ] = None,
+    bind: Annotated[list[str] | None, typer.Option(help="With --robot: resource=NAME.")] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="With --robot: parameter=VALUE.")] = None,
 ) -> None:
-    """Check programs whole, without a robot. Exits with 1 when one can't be deployed, naming file, line, field and expectation."""
+    """Check programs whole, without a robot. Exits with 1 when one can't be deployed, naming file, line, field and expectation.
+
+    With --robot, each is rehearsed as well: all its motions are planned and verified end to end, and the first that is infeasible
+    is named. Nothing needs to run for that.
+    """
+    if robot is not None:
+        raise typer.Exit(_rehearse(programs or sorted(library.files()), robot, scene, bind, set_))
+    for option, value in {"--scene": scene, "--bind": bind, "--set": set_}.items():
+        if value:
+            raise typer.BadParameter("expected only with --robot", param_hint=option)
     wrong = False
     for name in programs or sorted(library.files()):
         try:
@@ -95,6 +113,46 @@ def schema() -> None:
     _out.print_json(data=json_schema(arguments))
 
 
+def _rehearse(names: list[str], robot: str, scene: str | None, bind: list[str] | None, given: list[str] | None) -> int:
+    """Rehearse programs; 0 when all are feasible."""
+    from engines.offline import OfflineTask
+
+    bindings = _pairs("--bind", bind)
+    parameters = {name: _value(text) for name, text in _pairs("--set", given).items()}
+    wrong = False
+    try:
+        task = OfflineTask(robot, scene)
+        for name in names:
+            checked = task.check(library.load(name), bindings, parameters)
+            show_check(checked)
+            wrong |= not checked.feasible
+    except (ConfigError, RefusedError, ValueError) as problem:
+        _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
+        return 1
+    return int(wrong)
+
+
+def show_check(check: TaskCheck) -> None:
+    """A rehearsal, for people."""
+    table = Table("", "state", "does", "what", "s", "clearance", "to a limit")
+    for number, step in enumerate(check.steps, 1):
+        figures = [
+            "" if value is None else f"{scale * value:.{digits}f}{unit}"
+            for value, scale, digits, unit in (
+                (step.duration, 1, 1, ""),
+                (step.clearance, 1000, 0, " mm"),
+                (step.limit_margin, 1, 2, " rad"),
+            )
+        ]
+        what = f"[red]{escape(step.problem)}[/red]" if step.problem else escape(step.what)
+        table.add_row(
+            str(number), step.state, step.activity, f"{what} (not verified)" if step.unknown else what, *figures
+        )
+    _out.print(table)
+    words = f"feasible: {check.detail}" if check.feasible else f"not feasible: {check.detail}"
+    _out.print(f"{check.program} {check.hash}: {words}", highlight=False, markup=False, soft_wrap=True)
+
+
 @app.command("list")
 def list_(
     show: Annotated[str | None, typer.Argument(help="A program: show its resources and parameters.")] = None,
@@ -117,6 +175,9 @@ def run(
         list[str] | None, typer.Option(help="resource=NAME, e.g. --bind arm=right --bind valve=wheel_1")
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="parameter=VALUE, e.g. --set goal_deg=180")] = None,
+    check_first: Annotated[
+        bool, typer.Option("--check", help="Rehearse it first, and run it only if all its motions are feasible.")
+    ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Approve every prompt (its first option) without asking.")] = False,
     connect_to: Robot = DEFAULT_ADDRESS,
     keys: Keys = None,
@@ -128,7 +189,7 @@ def run(
     bindings, given = _pairs("--bind", bind), _pairs("--set", set_)
     parameters = {name: _value(text) for name, text in given.items()}
     with _robot(connect_to, keys) as robot:
-        raise typer.Exit(_follow(robot, program, bindings, parameters, yes))
+        raise typer.Exit(_follow(robot, program, bindings, parameters, yes, check_first))
 
 
 @contextlib.contextmanager
@@ -225,9 +286,16 @@ def history(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     _out.print(table)
 
 
-def _follow(robot: Client, program: str, bindings: dict[str, str], parameters: dict[str, object], yes: bool) -> int:
+def _follow(
+    robot: Client, program: str, bindings: dict[str, str], parameters: dict[str, object], yes: bool, check_first: bool
+) -> int:
     with robot.events(RunState, Prompt, PromptClosed, LogLine) as events:
         deployed = robot.deploy(program, bindings, parameters)
+        if check_first:
+            checked = robot.check_task(deployed)
+            show_check(checked)
+            if not checked.feasible:
+                return 1
         started = robot.run(deployed)
         _out.print(f"{program} {deployed.hash} runs as {started.run}", highlight=False)
         shown = ""

@@ -40,11 +40,11 @@ def deploy(request: Deploy, program: Program, description: RobotDescription, aff
                 f"program {program.name} has no resource {name!r}", f"bindings.{name}", bound, f"one of: {known}"
             )
     for name, resource in program.resources.items():
-        fitting = _fitting(resource, description, affordances)
+        found = fitting(resource, description, affordances)
         bound = request.bindings.get(name, "")
-        if bound not in fitting:
+        if bound not in found:
             what = f"resource {name!r} is not bound" if not bound else f"resource {name!r} can't be bound to {bound!r}"
-            raise refuse(what, f"bindings.{name}", bound or "nothing", _listed(resource, fitting))
+            raise refuse(what, f"bindings.{name}", bound or "nothing", _listed(resource, found))
     check_parameters(program, request.parameters)
     parameters = {name: parameter.default for name, parameter in program.parameters.items()} | request.parameters
     return Deployed(f"{program.name}-{uuid.uuid4().hex[:8]}", program, dict(request.bindings), parameters)
@@ -69,18 +69,19 @@ def check_breakpoints(deployed: Deployed, states: Iterable[str]) -> None:
 def still_bound(deployed: Deployed, description: RobotDescription, affordances: AffordanceServer) -> None:
     """Refuse a deployment whose instances have been removed since."""
     for name, resource in deployed.program.resources.items():
-        fitting = _fitting(resource, description, affordances)
-        if deployed.bindings[name] not in fitting:
+        found = fitting(resource, description, affordances)
+        if deployed.bindings[name] not in found:
             gone = deployed.bindings[name]
             raise refuse(
                 f"what {name!r} was bound to is gone: deploy again",
                 f"bindings.{name}",
                 gone,
-                _listed(resource, fitting),
+                _listed(resource, found),
             )
 
 
-def _fitting(resource: Resource, description: RobotDescription, affordances: AffordanceServer) -> list[str]:
+def fitting(resource: Resource, description: RobotDescription, affordances: AffordanceServer) -> list[str]:
+    """What a resource can be bound to."""
     if resource.kind == "arm":
         return list(description.arms)
     return [each.name for each in affordances.instances() if resource.template in ("", each.template.name)]

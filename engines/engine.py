@@ -12,7 +12,7 @@ import queue
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
@@ -29,6 +29,7 @@ from engines.deployment import Deployed
 from engines.plan_making import make_edit, make_motion, make_plan
 from engines.plans import PlanStore
 from engines.prompts import Prompts
+from engines.rehearsal import Rehearsal
 from engines.run import Job, PlanExecution, ProgramRun, Start
 from engines.run_journal import RunJournal
 from engines.service import DeferringService, Wake
@@ -56,6 +57,8 @@ class Engine:
         self._breakpoints: frozenset[str] = frozenset()
         self._journal = RunJournal(runtime.folder)
         self._changing_runs = threading.Lock()
+        self._seeds: dict[str, Mapping[str, Sequence[np.ndarray]]] = {}
+        """deployment → state → where its plans ended in the last rehearsal"""
         self._job: Job | None = None
         self._run: ProgramRun | None = None
         self._publisher = Publisher(runtime.endpoint("engine.events"))
@@ -88,6 +91,7 @@ class Engine:
             m.ExecutePlan: self._execute_plan,
             m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
             m.Deploy: self._deploy,
+            m.CheckTask: self._check_task,
             m.Run: self._start,
             m.PauseRun: lambda call: self._running().pause(),
             m.ResumeRun: lambda call: self._running().resume(),
@@ -232,16 +236,36 @@ class Engine:
         deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
         self._deployments[deployed.id] = deployed
         while len(self._deployments) > _DEPLOYMENTS_KEPT:
-            del self._deployments[next(iter(self._deployments))]
+            gone = next(iter(self._deployments))
+            del self._deployments[gone]
+            self._seeds.pop(gone, None)
         return m.Deployment(id=deployed.id, program=program.name, hash=program.hash)
+
+    def _deployed(self, id: str) -> Deployed:
+        """Refused where it is not there, or its instances are gone."""
+        deployed = self._deployments.get(id)
+        if deployed is None:
+            known = ", ".join(self._deployments) or "none: deploy a program first"
+            raise refuse("no such deployment", "deployment", id, f"one of: {known}")
+        deployment.still_bound(deployed, self._services.description, self._services.affordances)
+        return deployed
+
+    def _check_task(self, call: m.CheckTask) -> Future[m.TaskCheck]:
+        deployed, world = self._deployed(call.deployment), self._services.daemon.world()
+        if world is None:
+            raise refuse("the daemon has not told where the robot is: is it running?")
+        rehearsal = Rehearsal(deployed, self._services, world, self._services.affordances.instances(), self._closing)
+
+        def check() -> m.TaskCheck:
+            rehearsed = rehearsal.run()
+            self._seeds[deployed.id] = rehearsed.ends
+            return rehearsed.check
+
+        return _in_thread(check, "check")
 
     def _start(self, call: m.Run) -> m.RunState:
         self._idle()
-        deployed = self._deployments.get(call.deployment)
-        if deployed is None:
-            known = ", ".join(self._deployments) or "none: deploy a program first"
-            raise refuse("no such deployment", "deployment", call.deployment, f"one of: {known}")
-        return self._begin(deployed)
+        return self._begin(self._deployed(call.deployment))
 
     def _begin(self, deployed: Deployed, start: Start | None = None) -> m.RunState:
         deployment.still_bound(deployed, self._services.description, self._services.affordances)
@@ -252,6 +276,7 @@ class Engine:
             functools.partial(self._run_changed, deployed),
             breakpoints=self._breakpoints & doing,
             start=start,
+            seeds=self._seeds.get(deployed.id),
         )
         self._job = self._run = run
         return run.start()

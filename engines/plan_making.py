@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 import msgspec
+import numpy as np
 
 from engines.activities.base import ActivityFailed, Services
 from engines.freshness import Origin, World
@@ -66,15 +67,22 @@ def make_plan(
 
 
 def make_motion(
-    services: Services, call: PlanMotion, *, edits: str = "", run: str = "", cancelled: _Asked | None = None
+    services: Services,
+    call: PlanMotion,
+    *,
+    edits: str = "",
+    run: str = "",
+    seeds: Sequence[np.ndarray] = (),
+    cancelled: _Asked | None = None,
 ) -> tuple[PlanRecord, PlanPreview]:
     """Plan a motion to goals among all instances, keep and show it. Raises ActivityFailed as `make_plan` does.
 
-    `edits`: id of the plan that it is another version of.
+    :param edits: id of the plan that it is another version of
+    :param seeds: (n,) rad each, postures to look for the goals from first
     """
     world, instances = start_of(services, call.after), services.affordances.instances()
     with _telling("no plan to the goals", "can't plan to the goals"):
-        plan = services.planner.motion(call, instances, world.command, cancelled=cancelled)
+        plan = services.planner.motion(call, instances, world.command, seeds=seeds, cancelled=cancelled)
     used = tuple(each for each in instances if each.name in plan.made_from)
     asked: dict[str, float | str] = {"goals": plan.label, "arm": call.arm, "clearance": call.clearance}
     asked |= ({"after": call.after} if call.after else {}) | ({"edits": edits} if edits else {})

@@ -6,10 +6,11 @@ import logging
 import threading
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import msgspec
+import numpy as np
 
 from engines.activities import ACTIVITIES
 from engines.activities.base import Activity, ActivityFailed, Context, Services
@@ -69,8 +70,13 @@ class ProgramRun:
         *,
         breakpoints: Iterable[str] = (),
         start: Start | None = None,
+        seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
     ):
-        """`publish` is told of every change. Raises ValueError where `start` names states that can't be active together."""
+        """`publish` is told of every change; `seeds`: state → where its plans ended in a rehearsal.
+
+        Raises ValueError where `start` names states that can't be active together.
+        """
+        self._seeds = seeds or {}
         self._services, self._publish = services, publish
         self._deployed, self._start = deployed, start or Start()
         parts = Parts(services.daemon, services.description.groups)
@@ -235,7 +241,7 @@ class ProgramRun:
         if again := self._chart.retries(state):
             why = self._chart.words("{failure}")
             self._services.log("warning", f"{state.id}: once more ({again} of {state.file.retry}): {why}")
-        return ACTIVITIES[state.file.do](self._context, values)
+        return ACTIVITIES[state.file.do](replace(self._context, seeds=self._seeds.get(state.id, ())), values)
 
     def _waits(self, why: str) -> None:
         """An activity waits at the gate, which it has closed itself where there is a reason."""

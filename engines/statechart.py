@@ -106,10 +106,14 @@ class Chart(Interpreter):
         """Enter the initial states."""
         self._machine = self.scs[self.program.name](model=self.data, listeners=[self])
 
-    def step(self) -> None:
-        """Wait for the next event and carry out all that follows from it."""
-        event = self._events.get()
+    def step(self, timeout_s: float | None = None) -> bool:
+        """Wait for the next event and carry out all that follows from it. False when none came in time (None: for ever)."""
+        try:
+            event = self._events.get(timeout=timeout_s)
+        except queue.Empty:
+            return False
         self._machine.send(event.name, **event.data)
+        return True
 
     @property
     def ended(self) -> State | bool | None:

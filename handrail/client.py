@@ -32,6 +32,7 @@ from handrail.link.events import Events, Live
 from handrail.link.session import Session
 from handrail.messages import (
     AnswerPrompt,
+    CheckTask,
     ClearStop,
     CommandGripper,
     DaemonStatus,
@@ -75,6 +76,7 @@ from handrail.messages import (
     StopRun,
     SwitchRelay,
     TakeTransition,
+    TaskCheck,
 )
 from handrail.topics import RefusedError, Unreachable
 
@@ -262,6 +264,11 @@ class Client:
     ) -> Deployment:
         """Check a program whole and bind its resources, e.g. {"arm": "right", "valve": "wheel_1"}."""
         return self.call(Deploy(program=program, bindings=dict(bindings or {}), parameters=dict(parameters or {})))
+
+    def check_task(self, deployment: Deployment | str, *, timeout_s: float | None = 120.0) -> TaskCheck:
+        """Rehearse what was deployed, without moving: every motion verified before the first one."""
+        id = deployment if isinstance(deployment, str) else deployment.id
+        return self.call(CheckTask(deployment=id), timeout_s)
 
     def run(self, deployment: Deployment | str) -> RunState:
         """Start what was deployed."""

@@ -1642,6 +1642,50 @@ class Deployment(Message):
 
 
 @_travels(priority=1, remote=True)
+class CheckTask(Message):
+    """Rehearse a deployed program from where the robot is, without moving it: every motion planned and verified end to end.
+
+    Answered when it has ended, or with the first motion that is infeasible. Where its motions end is where the program looks first
+    when it runs.
+    """
+
+    deployment: Name
+
+
+class TaskStep(msgspec.Struct, kw_only=True):
+    """One activity of a rehearsal that plans a motion, or could not be done."""
+
+    state: str
+    activity: str
+    what: str = ""
+    """the plan, or the behaviour"""
+    clearance: float | None = None
+    """m"""
+    limit_margin: float | None = None
+    """rad"""
+    duration: float | None = None
+    """s"""
+    unknown: bool = False
+    """what it does is found out by doing it: it was taken to go well, and was not verified"""
+    problem: str = ""
+    """why it can't be done, with what is missed and by how much"""
+
+
+class TaskCheck(Message):
+    """Answer to CheckTask."""
+
+    program: str
+    hash: str
+    feasible: bool
+    first_infeasible: str
+    """id of the state, empty: none"""
+    outcome: str
+    """of the program, if everything goes as planned"""
+    detail: str
+    steps: list[TaskStep]
+
+
+@_travels(priority=1, remote=True)
 class Run(Message):
     """Start a deployed program."""
 
@@ -1814,6 +1858,7 @@ PlanMotion.Reply = PlanPreview
 EditPlan.Reply = PlanPreview
 ListLibrary.Reply = Library
 Deploy.Reply = Deployment
+CheckTask.Reply = TaskCheck
 Run.Reply = RunState
 RunFrom.Reply = RunState
 TakeTransition.Reply = RunState
@@ -1833,6 +1878,7 @@ EngineCall = (
     | ExecutePlan
     | ListLibrary
     | Deploy
+    | CheckTask
     | Run
     | PauseRun
     | ResumeRun
@@ -1904,6 +1950,7 @@ Answer = (
     | PlanPreview
     | Library
     | Deployment
+    | TaskCheck
     | RunState
     | RunHistory
     | EngineSnapshot

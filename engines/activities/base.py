@@ -108,6 +108,7 @@ class Planner(Protocol):
         instances: Sequence[Instance],
         position: np.ndarray,
         *,
+        seeds: Sequence[np.ndarray] = (),
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...
@@ -142,6 +143,8 @@ class Context:
     motion: Motion
     hold_s: float
     """wall time for which simulated time may wait for the engine while it computes (lock-step)"""
+    seeds: Sequence[np.ndarray] = ()
+    """(n,) rad each: where plans of this state ended when the program was rehearsed"""
 
 
 class Activity(ABC):

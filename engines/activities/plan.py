@@ -59,7 +59,9 @@ class PlanActivity(Activity):
                 clearance=values["clearance"],
                 after=after,
             )
-            record, preview = make_motion(self.services, call, run=self.context.run, cancelled=self.cancelled.is_set)
+            record, preview = make_motion(
+                self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
+            )
         else:
             record, preview = make_plan(
                 self.services,

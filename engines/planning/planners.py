@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,8 +45,9 @@ class Planners:
             return self._motions
 
     def motion(
-        self, call: PlanMotion, instances: Sequence[Instance], position: Array, *,
+        self, call: PlanMotion, instances: Sequence[Instance], position: Array, *, seeds: Sequence[Array] = (),
         cancelled: Callable[[], bool] | None = None, progress: Callable[[str], None] | None = None,
     ) -> Plan:  # fmt: skip
         """What a call asks for, from where all joints are, `position` (n,) rad. See MotionPlanner."""
-        return self.motions.plan(self.motions.read(call, instances), position, cancelled=cancelled, progress=progress)
+        question = replace(self.motions.read(call, instances), seeds=seeds)
+        return self.motions.plan(question, position, cancelled=cancelled, progress=progress)

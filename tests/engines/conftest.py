@@ -221,6 +221,8 @@ class FakePlanner:
     def __init__(self) -> None:
         self.asked: list[dict[str, Any]] = []
         self.infeasible = False
+        self.infeasible_from = 10**6
+        """which plan, counted from 0, is the first that there is none of"""
         self.pace = threading.Event()
         self.pace.set()
 
@@ -229,7 +231,7 @@ class FakePlanner:
     ) -> Plan:
         self.asked.append({"arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance})
         assert self.pace.wait(20)
-        if self.infeasible:
+        if self.infeasible or len(self.asked) > self.infeasible_from:
             raise Infeasible("elbow limit", 0.12, "rad")
         resolved = instance.resolve()
         entry, joint = resolved.trajectories[trajectory].entry, resolved.joints["hinge"]
@@ -269,9 +271,10 @@ class FakePlanner:
             outputs,
         )
 
-    def motion(self, call, instances, position, *, cancelled=None, progress=None) -> Plan:
+    def motion(self, call, instances, position, *, seeds=(), cancelled=None, progress=None) -> Plan:
         """To where the first goal has the joints."""
-        self.asked.append({"call": call, "instances": [each.name for each in instances], "position": position.copy()})
+        names = [each.name for each in instances]
+        self.asked.append({"call": call, "instances": names, "position": position.copy(), "seeds": list(seeds)})
         if self.infeasible:
             raise Infeasible("elbow limit", 0.12, "rad")
         goal = call.goals[0]

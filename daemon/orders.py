@@ -103,7 +103,7 @@ class Orders:
             case Kind.PAUSE:
                 return actions.pause(command.action)
             case Kind.RESUME:
-                return actions.resume(command.action)
+                return actions.resume(command.action, last)
             case Kind.SET_SPEED:
                 return actions.set_speed(command.action, command.value)
             case Kind.DEVICE:

@@ -140,7 +140,7 @@ def _fill(step: dict[str, Any], file: dict[str, Any]) -> None:
     if isinstance(motion, dict):
         if "joints" in file:
             motion.setdefault("joints", file["joints"])
-        if "frame" in file and motion.get("type") != "joint_trajectory":
+        if "frame" in file and motion.get("type") not in ("joint_trajectory", "joint_target"):
             motion.setdefault("frame", file["frame"])
     order = step.get("gripper")
     if isinstance(order, dict) and "gripper" in file:

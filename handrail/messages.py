@@ -1056,7 +1056,21 @@ class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_f
     damping: Annotated[float, Meta(ge=0, le=1)] = 1.0
 
 
-JointsMotion = JointTrajectory | CartesianImpedance | CompliantMotion
+class JointTarget(msgspec.Struct, tag="joint_target", kw_only=True, forbid_unknown_fields=True):
+    """Go to `positions`, as fast as the limits of acceleration and jerk and `speed` allow, and end there (`done`).
+
+    From a stand in a straight line, all joints arriving together. StreamJoints replaces the target on the way (its velocities
+    count for nothing); nobody looks ahead for what stands in the way but the daemon's guard.
+    """
+
+    joints: list[Name]
+    positions: list[float]
+    """rad"""
+    speed: Annotated[float, Meta(gt=0, le=1)] = 0.3
+    """share of the velocity limits"""
+
+
+JointsMotion = JointTrajectory | CartesianImpedance | CompliantMotion | JointTarget
 """those that say which joints they move"""
 
 
@@ -1172,7 +1186,9 @@ class StreamPose(Message):
 
 @_travels(priority=1, remote=False)
 class StreamJoints(Message):
-    """A sample of where the joints of a running JointStream are to be. One to two hundred a second are a good rate.
+    """A sample of where the joints of a running JointStream are to be, or the next target of a JointTarget that is on its way.
+
+    One to two hundred a second are a good rate of a stream.
 
     Answered as soon as it is on its way: the loop drops one that comes after a newer one, or after it expired. Counts as its
     owner's CheckIn. Refused when no such action runs, and when a number is not finite, beyond a limit, or missing.

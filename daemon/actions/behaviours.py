@@ -6,7 +6,15 @@ machine whose states are actions, and whose transitions are their end conditions
 
 from __future__ import annotations
 
-from daemon.exchange import MotionCommand, Outcome, PreparedMotion, StepCommand, StreamMotion, TrajectoryMotion
+from daemon.exchange import (
+    MotionCommand,
+    Outcome,
+    PreparedMotion,
+    StepCommand,
+    StreamMotion,
+    TargetMotion,
+    TrajectoryMotion,
+)
 
 
 class Chain:
@@ -38,4 +46,4 @@ def frame_of(motion: MotionCommand) -> str:
     """The frame that a motion needs the external wrench at; "": none."""
     if isinstance(motion, TrajectoryMotion):
         return motion.path_force.frame if motion.path_force else ""
-    return "" if isinstance(motion, PreparedMotion | StreamMotion) else motion.frame
+    return "" if isinstance(motion, PreparedMotion | StreamMotion | TargetMotion) else motion.frame

@@ -6,7 +6,6 @@ before the controllers run: a guard that trips in a cycle takes the joints to `h
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -17,7 +16,7 @@ from daemon.actions.behaviours import Chain, frame_of
 from daemon.actions.end_conditions import Place, first_met, force_frames
 from daemon.controllers.base import Controller, MotionController
 from daemon.controllers.manager import ActivationError, ClaimError, ControllerManager
-from daemon.controllers.references import SLOWEST, PathClock
+from daemon.controllers.references import SLOWEST
 from daemon.controllers.registry import for_motion
 from daemon.exchange import (
     SLOTS,
@@ -164,11 +163,21 @@ class ActionTable:
 
     def pause(self, serial: int) -> Refusal | None:
         """Slow down to a stand on the path."""
-        return self._steer(serial, PathClock.hold)
+        for action in self.running():
+            if action.serial == serial and action.ending is Outcome.NONE:
+                action.controller.clock.hold()
+                return None
+        return Refusal(Answer.NO_SUCH_ACTION)
 
-    def resume(self, serial: int) -> Refusal | None:
-        """Go on along the path."""
-        return self._steer(serial, PathClock.go)
+    def resume(self, serial: int, last: JointCommand) -> Refusal | None:
+        """Go on along the path, from `last`, or from where the joints were pushed to meanwhile."""
+        action = next((action for action in self.running() if action.serial == serial), None)
+        if action is None or action.ending is not Outcome.NONE:
+            return Refusal(Answer.NO_SUCH_ACTION)
+        if action.state is ActionState.PAUSED:
+            action.controller.come_back(self._robot, last)
+        action.controller.clock.go()
+        return None
 
     def set_speed(self, serial: int, share: float) -> Refusal | None:
         """From now on one action, or of serial 0 all that there are and will be, at this share of the planned speed."""
@@ -234,6 +243,8 @@ class ActionTable:
             elif action.controller.clock.standing != (action.state is ActionState.PAUSED):
                 action.state = ActionState.PAUSED if action.controller.clock.standing else ActionState.RUNNING
                 action.cycle, action.detail = self.cycle, action.controller.waiting
+                if action.state is ActionState.PAUSED:
+                    action.controller.stood(self._robot, last)
         return ended
 
     def refuse(self, joint: int, value: float = 0.0) -> list[Action]:
@@ -345,13 +356,6 @@ class ActionTable:
         """After every start and end, so that no cycle has to look."""
         self._running = tuple(action for action in self.slots if action is not None and action.alive)
         self._force_frames = tuple(dict.fromkeys(frame for action in self._running for frame in action.frames))
-
-    def _steer(self, serial: int, how: Callable[[PathClock], None]) -> Refusal | None:
-        for action in self.running():
-            if action.serial == serial and action.ending is Outcome.NONE:
-                how(action.controller.clock)
-                return None
-        return Refusal(Answer.NO_SUCH_ACTION)
 
     def _free_slot(self) -> int | None:
         """An unused slot, or the one whose action ended longest ago, so that a late reader still finds the others."""

@@ -217,6 +217,12 @@ class MotionController(Controller):
         """A sample of where its joints are to be, (m,) rad and rad/s, finite. False: no such thing is streamed here."""
         return False
 
+    def stood(self, robot: RobotState, last: JointCommand) -> None:
+        """It has come to a stand on its path, where `last` was written."""
+
+    def come_back(self, robot: RobotState, last: JointCommand) -> None:
+        """It will go on: from where its joints are, where they were pushed off."""
+
     @property
     def waiting(self) -> str:
         """Why its clock stands though nobody paused it; "": it does not."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.controllers.base import Array, Gains, MotionController
-from daemon.controllers.references import HermitePath, PathClock, fade
+from daemon.controllers.point_to_point import Excursion, NoWay
+from daemon.controllers.references import DetourClock, HermitePath, PathClock, fade
 from daemon.exchange import TrajectoryMotion
 from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
@@ -13,6 +14,10 @@ from handrail.messages import PathForce
 
 _LEAD_IN = 0.2
 """s over which the difference between the command and the first knot is worked off"""
+PUSHED_OFF = 0.02
+"""rad by which a joint that stands is elsewhere than where it came to a stand: then the command goes there first, and back"""
+_RETURN_SPEED = 0.3
+"""share of the velocity limits at which that is"""
 _STANDING = 1e-6
 """m/s: slower than this, the path has no direction of its own"""
 
@@ -45,14 +50,19 @@ class JointTrajectory(MotionController):
     """Cubic Hermite knots under joint impedance in the drives, gravity and path force fed forward from here."""
 
     name = "joint_trajectory"
+    clock: DetourClock
 
     def __init__(self, motion: TrajectoryMotion, gains: Gains, period: float):
         super().__init__(motion.joints, gains)
         self._path = HermitePath(motion.times, motion.positions, motion.velocities)
-        self.clock = PathClock(self._path.length, period)
+        self.clock = DetourClock(self._path.length, period)
+        self._period = period
+        self._back: Excursion | None = None
         self._force = PathForceIntegrator(motion.path_force) if motion.path_force else None
         self._position, self._velocity = np.zeros(len(motion.joints)), np.zeros(len(motion.joints))
         self._lead = np.zeros(len(motion.joints))
+        self._lean = np.zeros(len(motion.joints))
+        self._away, self._returning = np.zeros(len(motion.joints)), np.zeros(len(motion.joints))
         self._running = 0.0
         if motion.path_force:
             self.force_frame = motion.path_force.frame
@@ -70,9 +80,40 @@ class JointTrajectory(MotionController):
         if self._running < _LEAD_IN:
             self._running += robot.period
             self._position += self._lead * fade(self._running, _LEAD_IN)
-        self.write_tracking(robot, out, self._position, self._velocity * self.clock.rate)
+        velocity = self._velocity * self.clock.rate
+        if self.clock.detour is not None:
+            assert self._back is not None
+            self._back.evaluate(self.clock.detour.s, self._away, self._returning)
+            self._position += self._away
+            velocity = self._returning * self.clock.detour.rate
+        self.write_tracking(robot, out, self._position, velocity)
         if self._force is not None:
             out.torque[self.joints] += self._force.torque(robot)[self.joints]
+
+    def stood(self, robot: RobotState, last: JointCommand) -> None:
+        rows = self.joints
+        self._lean = robot.joints.position[rows] - last.position[rows]
+
+    def come_back(self, robot: RobotState, last: JointCommand) -> None:
+        rows, description = self.joints, robot.kinematics.description
+        commanded, measured = last.position[rows], robot.joints.position[rows]
+        if np.abs(measured - commanded - self._lean).max() <= PUSHED_OFF:
+            return
+        # What it leaned on when it came to a stand it goes on leaning on; not beyond where it is, nor beyond its limits.
+        here = np.clip(measured - self._lean, np.minimum(commanded, measured), np.maximum(commanded, measured))
+        lower, upper = description.lower[rows], description.upper[rows]
+        here = np.clip(here, np.minimum(lower, commanded), np.maximum(upper, commanded))
+        if self.clock.detour is None:
+            self._away[:] = 0.0
+        fastest = _RETURN_SPEED * description.velocity_limit[rows]
+        limits = np.array((fastest, description.acceleration_limit[rows], description.jerk_limit[rows]))
+        try:
+            self._back = Excursion(limits, self._period, self._away, self._away + here - commanded)
+        except NoWay:
+            return
+        detour = PathClock(self._back.length, self._period)
+        detour.room = self._back.room
+        self.clock.leave(detour)
 
     @property
     def path_force(self) -> float:

@@ -23,7 +23,7 @@ _MAX_RATE_CHANGE = 5.0
 """1/s"""
 _MAX_RATE_JERK = 60.0
 """1/s²"""
-_LEAST_ROOM = 0.25
+LEAST_ROOM = 0.25
 """of the limits that a change of rate may use where the path uses them up itself: it must come to a stand all the same"""
 SLOWEST = 0.1
 """share of the planned speed that an operator may ask for, at least"""
@@ -84,6 +84,10 @@ class PathClock:
         self._target, self._steady = rate, False
         self._input.target_velocity = [rate]
 
+    def begin_anew(self, length: float) -> None:
+        """From here on another path, of which s is 0 here; the rate is what it was."""
+        self.s, self.length = 0.0, length
+
     def advance(self) -> None:
         """Move on by one cycle."""
         if self._steady:
@@ -106,6 +110,53 @@ class PathClock:
     def standing(self) -> bool:
         """s does not move, and will not until the rate is brought up."""
         return self._steady and self.rate == 0.0
+
+
+class DetourClock(PathClock):
+    """A clock that stands while the joints are on their way back to its path, which has a clock of its own."""
+
+    detour: PathClock | None = None
+
+    def leave(self, detour: PathClock) -> None:
+        """Stand here, until that has been run to its end; then go on."""
+        self.detour = detour
+        detour.begin(self.speed, held=False)
+
+    def hold(self) -> None:
+        if self.detour is None:
+            super().hold()
+        else:
+            self.detour.hold()
+
+    def go(self) -> None:
+        if self.detour is None:
+            super().go()
+        else:
+            self.detour.go()
+
+    def run_at(self, speed: float) -> None:
+        if self.detour is None:
+            super().run_at(speed)
+        else:
+            self.speed = speed
+            self.detour.run_at(speed)
+
+    @property
+    def held(self) -> bool:
+        return super().held if self.detour is None else self.detour.held
+
+    @property
+    def standing(self) -> bool:
+        return super().standing if self.detour is None else self.detour.standing
+
+    def advance(self) -> None:
+        if self.detour is None:
+            super().advance()
+            return
+        self.detour.advance()
+        if self.detour.at_end:
+            self.detour = None
+            super().go()
 
 
 class HermitePath:
@@ -169,10 +220,10 @@ def _room(at, knots, limits, change):  # type: ignore[no-untyped-def]
             fast = max(abs(v0), abs(v1), abs(1.5 * slope - 0.25 * (v0 + v1))) + 1e-12
             hard = max(abs(6.0 * slope - 4.0 * v0 - 2.0 * v1), abs(2.0 * v0 + 4.0 * v1 - 6.0 * slope)) / h
             if change == np.inf:
-                left = max(limits[0, j] - hard, _LEAST_ROOM * limits[0, j])
+                left = max(limits[0, j] - hard, LEAST_ROOM * limits[0, j])
             else:
                 rough = 6.0 * abs(v0 + v1 - 2.0 * slope) / (h * h)
-                left = max(limits[1, j] - rough - 3.0 * hard * change, _LEAST_ROOM * limits[1, j])
+                left = max(limits[1, j] - rough - 3.0 * hard * change, LEAST_ROOM * limits[1, j])
             most = min(most, left / fast)
     return most
 

@@ -19,6 +19,7 @@ from daemon.controllers.compliant_motion import CompliantMotion
 from daemon.controllers.gravity_compensation import GravityCompensation
 from daemon.controllers.joint_impedance import JointImpedance
 from daemon.controllers.joint_stream import JointStream
+from daemon.controllers.joint_target import JointTarget
 from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.controllers.roster import own_kinds
 from daemon.exchange import (
@@ -26,6 +27,7 @@ from daemon.exchange import (
     MotionCommand,
     PreparedMotion,
     StreamMotion,
+    TargetMotion,
     TaskFrameMotion,
     TrajectoryMotion,
 )
@@ -35,6 +37,7 @@ MOTIONS: dict[type, Callable[[Any, Gains, float], MotionController]] = {
     CartesianMotion: CartesianImpedance,
     TaskFrameMotion: CompliantMotion,
     StreamMotion: JointStream,
+    TargetMotion: JointTarget,
     PreparedMotion: lambda motion, gains, period: motion.controller,
 }
 """decoded motion (daemon.exchange) → what makes a controller of it, of the robot's gains and of the loop's period in s. That

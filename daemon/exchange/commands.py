@@ -21,6 +21,7 @@ from handrail.messages import (
     GripperHoldsEnd,
     JointLimitEnd,
     JointStream,
+    JointTarget,
     JointTrajectory,
     PathForce,
     Pose,
@@ -38,7 +39,7 @@ from handrail.messages import (
     WholeBody,
 )
 
-MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT, MOTION_PREPARED, MOTION_STREAM = 1, 2, 3, 4, 5
+MOTION_TRAJECTORY, MOTION_CARTESIAN, MOTION_COMPLIANT, MOTION_PREPARED, MOTION_STREAM, MOTION_TARGET = range(1, 7)
 TASK_AXES: tuple[TaskAxis, ...] = ("x", "y", "z", "rx", "ry", "rz")
 COMPLIANCE_ROWS = ("on", "force", "stiffness", "damping", "speed", "reach")
 DITHER_ROWS = ("amplitude", "frequency")
@@ -133,6 +134,8 @@ def encode_start(
         header["motion"], header["action"] = MOTION_PREPARED, prepared
     elif isinstance(motion, JointStream):
         header["motion"], payload = MOTION_STREAM, np.array([motion.bridge, motion.expiry, motion.speed])
+    elif isinstance(motion, JointTarget):
+        header["motion"], payload = MOTION_TARGET, np.array([motion.speed, *motion.positions])
     else:
         header["motion"], header["frame"] = MOTION_CARTESIAN, frame_index[motion.frame]
         if motion.goal_in_world is not None:
@@ -303,6 +306,17 @@ class StreamMotion:
 
 
 @dataclass(frozen=True)
+class TargetMotion:
+    """Where joints go, point to point."""
+
+    joints: NDArray[np.int64]
+    speed: float
+    """share of the velocity limits"""
+    positions: NDArray[np.float64]
+    """(m,) rad"""
+
+
+@dataclass(frozen=True)
 class JointSample:
     """Where joints are to be, in the order of their motion."""
 
@@ -346,7 +360,7 @@ class TaskFrameMotion:
     """(DITHER_ROWS, 6)"""
 
 
-MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion | PreparedMotion | StreamMotion
+MotionCommand = TrajectoryMotion | CartesianMotion | TaskFrameMotion | PreparedMotion | StreamMotion | TargetMotion
 
 
 @dataclass(frozen=True)
@@ -426,6 +440,11 @@ def decode(
             if len(payload) != 3 or not (np.isfinite(payload) & (payload > 0.0)).all():
                 raise ValueError(f"command {int(header['serial'])}: no bridge, expiry and speed of a stream")
             motion = StreamMotion(joints, *np.array(payload, float).tolist())
+        elif int(header["motion"]) == MOTION_TARGET:
+            own = np.array(payload, float)
+            if len(own) != 1 + m or not np.isfinite(own).all() or not 0.0 < own[0] <= 1.0:
+                raise ValueError(f"command {int(header['serial'])}: no speed and target of {m} joints")
+            motion = TargetMotion(joints, float(own[0]), own[1:])
         else:
             goal = [float(x) for x in header["goal"]]
             pose = Pose(position=(goal[0], goal[1], goal[2]), orientation=(goal[3], goal[4], goal[5], goal[6]))

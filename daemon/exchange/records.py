@@ -236,6 +236,7 @@ CONTROLLERS = (
     "whole_body",
     "brake",
     "joint_stream",
+    "joint_target",
 )
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
 LOADED_CODE = 64

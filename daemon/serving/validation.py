@@ -29,6 +29,7 @@ from handrail.messages import (
     GripperOrder,
     JointsMotion,
     JointStream,
+    JointTarget,
     JointTrajectory,
     LoadController,
     PoseErrorEnd,
@@ -165,6 +166,11 @@ def _check_action(
     if isinstance(motion, JointTrajectory):
         commanded = snapshot["command"][0][rows]
         _check_trajectory(motion, rows, commanded, description, frames=frames, largest_payload=largest_payload)
+    elif isinstance(motion, JointTarget):
+        _check_finite(motion.speed, "motion.speed")
+        _check_numbers(
+            motion.positions, "motion.positions", motion.joints, description.lower[rows], description.upper[rows]
+        )
     elif isinstance(motion, CompliantMotion):
         _check_compliant(motion, frames)
     else:
@@ -196,16 +202,27 @@ def check_joints(message: StreamJoints, joints: Sequence[str], description: Robo
     fastest = description.velocity_limit[rows]
     limits = (description.lower[rows], description.upper[rows]), (-fastest, fastest)
     for field, unit, (lowest, highest) in zip(("positions", "velocities"), ("rad", "rad/s"), limits, strict=True):
-        values = np.array(getattr(message, field), float)
-        if not len(values) and field == "velocities":
-            continue
-        if len(values) != len(joints):
-            raise refuse("one number a joint", field, f"{len(values)} numbers", f"{len(joints)}: {', '.join(joints)}")
-        check_all_finite(values, field)
-        if (beyond := np.flatnonzero((values < lowest - 1e-6) | (values > highest + 1e-6))).size:
-            row = int(beyond[0])
-            expected = f"{lowest[row]:g} to {highest[row]:g} {unit}"
-            raise refuse(f"beyond the limits of {joints[row]}", f"{field}[{row}]", f"{values[row]:g}", expected)
+        values = getattr(message, field)
+        if values or field == "positions":
+            _check_numbers(values, field, joints, lowest, highest, unit)
+
+
+def _check_numbers(
+    numbers: Sequence[float],
+    field: str,
+    joints: Sequence[str],
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    unit: str = "rad",
+) -> None:
+    values = np.array(numbers, float)
+    if len(values) != len(joints):
+        raise refuse("one number a joint", field, f"{len(values)} numbers", f"{len(joints)}: {', '.join(joints)}")
+    check_all_finite(values, field)
+    if (beyond := np.flatnonzero((values < lowest - 1e-6) | (values > highest + 1e-6))).size:
+        row = int(beyond[0])
+        expected = f"{lowest[row]:g} to {highest[row]:g} {unit}"
+        raise refuse(f"beyond the limits of {joints[row]}", f"{field}[{row}]", f"{values[row]:g}", expected)
 
 
 def check_gripper(message: CommandGripper, description: RobotDescription) -> tuple[int, tuple[float, float, float]]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.controllers.joint_trajectory import JointTrajectory
-from daemon.exchange import Answer, ControllerState, Flag, Kind
+from daemon.exchange import Answer, ControllerState, Flag, Kind, Outcome, encode_joints
 from daemon.replay.player import Replay
 from daemon.replay.recorded_loop import Cycle, cycles
 from daemon.replay.tape import Entry, TapeReader, TapeWriter
@@ -20,7 +20,7 @@ from daemon.replay.tape import Kind as Taped
 from daemon.replay.taping import TapedPort
 from hal.can import frames
 from hal.drives.lifecycle import State
-from handrail.messages import CompliantMotion, ContactEnd, Step, TimeEnd
+from handrail.messages import CompliantMotion, ContactEnd, JointTarget, Step, StreamJoints, TimeEnd
 from tests.daemon.loop.conftest import SWAY, Desk
 
 JOINT, OTHER_LIMB = "arm_right_1_joint", "arm_left_4_joint"
@@ -74,6 +74,13 @@ def test_an_eventful_loop_is_replayed_bit_for_bit(taped: Any, replay: Replay) ->
     taped.ask(Kind.SET_SPEED, action=action, value=0.9)
     taped.ask(Kind.SET_SPEED, value=1.0)
     taped.run(120)
+    target = taped.post_start(JointTarget(joints=[JOINT, "arm_right_4_joint"], positions=[-0.5, -1.8]))
+    taped.run(60)
+    another = StreamJoints(id="t", sequence=1, positions=[-0.55, -1.85])
+    taped._serial += 1
+    taped._mailbox.post(*encode_joints(another, taped._serial, target))
+    taped.run(400)
+    assert taped.snapshot()["actions"]["outcome"].tolist().count(Outcome.DONE) == 2
     still = CompliantMotion(frame="tool_right_tip", joints=right, duration=0.1)
     guard = ContactEnd(frame="tool_right_tip", threshold=15.0)
     first = Step(name="a", motion=still, ends=[TimeEnd(after=0.06)], then={"time": "b"})

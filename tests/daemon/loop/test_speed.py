@@ -200,3 +200,52 @@ def test_whatever_is_asked_of_a_path_whenever_it_is_run_to_its_end_within_the_li
     _, acceleration, jerk = rates([*told, *[told[-1]] * 4])
     assert (acceleration <= LIMITS[0] * 1.001).all()
     assert (jerk <= LIMITS[1] * 1.02).all()
+
+
+def test_who_was_pushed_off_in_a_pause_lets_go_returns_to_the_path_and_goes_on_without_a_jump(enabled: Any) -> None:
+    bench, of, joint = enabled, enabled.description, enabled.index("arm_right_4_joint")
+    motion, told = reach(bench), []
+    serial = bench.post_start(motion)
+    bench.run(200)
+    bench.ask(Kind.PAUSE, action=serial)
+    bench.run(400)
+    stood = bench.loop.written.position.copy()
+
+    def held(cycles: int) -> None:
+        """Somebody holds the forearm 0.1 rad away from where it stood."""
+        for _ in range(cycles):
+            off, speed = stood[joint] + 0.1 - bench.drives.state.position[joint], bench.drives.state.velocity[joint]
+            bench.drives.external_torque[joint] = 500.0 * off - 10.0 * speed
+            record(bench, 1, told)
+
+    held(300)
+    felt = bench.drives.external_torque[joint]
+    assert felt > 10.0 and (bench.loop.written.position == stood).all()
+    bench.post(Kind.RESUME, action=serial)
+    held(70)
+    assert bench.drives.external_torque[joint] < 0.3 * felt, "its spring lets go of who holds it"
+    bench.post(Kind.PAUSE, action=serial)
+    held(300)
+    assert bench.action()[0] is ActionState.PAUSED, "the way back pauses, too"
+    assert bench.loop.written.position[joint] - stood[joint] > 0.01
+    bench.post(Kind.RESUME, action=serial)
+    bench.drives.external_torque[joint] = 0.0
+    assert run_to_end(bench, told) is Outcome.DONE
+    _, acceleration, jerk = rates(told)
+    assert (acceleration <= of.acceleration_limit * 1.01).all()
+    assert (jerk <= of.jerk_limit * 1.05).all()
+    rows = [bench.index(name) for name in motion.joints]
+    assert bench.loop.written.position[rows] == pytest.approx(motion.positions[-1], abs=1e-6)
+
+
+def test_what_it_leans_on_when_it_comes_to_a_stand_it_goes_on_leaning_on(enabled: Any) -> None:
+    bench, joint = enabled, enabled.index("arm_right_4_joint")
+    bench.drives.external_torque[joint] = 20.0
+    serial = bench.post_start(reach(bench))
+    bench.run(250)
+    bench.ask(Kind.PAUSE, action=serial)
+    bench.run(400)
+    stood = bench.loop.written.position[joint]
+    assert abs(bench.snapshot()["position"][joint] - stood) > 0.05
+    bench.ask(Kind.RESUME, action=serial)
+    assert abs(bench.loop.written.position[joint] - stood) < 1e-3

@@ -32,6 +32,8 @@ _SPARE = 2e-3
 """m of clearance more than is asked for: what is done to the way afterwards (a spline through its rows) needs some"""
 _CORNER = 0.35
 """of its shorter edge that a corner is rounded from, at most"""
+_IDLE, _GAIN = 15, 0.01
+"""shortcuts in a row that gain less than that share of the way before shortening ends"""
 _TELL_EVERY = 100
 
 
@@ -200,9 +202,11 @@ class Connector:
 
     def _shortened(self, corners: list[Array], most: int, end: float, generator: np.random.Generator) -> list[Array]:
         """Without the detours that straight lines between two places of the way replace."""
+        idle = 0
         for _ in range(most):
-            if len(corners) < 3 or time.monotonic() > end:
+            if len(corners) < 3 or idle > _IDLE or time.monotonic() > end:
                 break
+            idle += 1
             lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(corners)]
             along = np.concatenate([[0.0], np.cumsum(lengths)])
             first, last = sorted(generator.uniform(0.0, along[-1], 2))
@@ -214,7 +218,9 @@ class Connector:
                 corners[k] + (s - along[k]) / lengths[k] * (corners[k + 1] - corners[k])
                 for k, s in ((i, first), (j, last))
             )
-            if self._meeting(np.array([a, b]), roomy=True) is None:
+            gain = 1.0 - (float(np.linalg.norm(b - a)) + along[-1] - (last - first)) / along[-1]
+            if gain > 1e-6 and self._meeting(np.array([a, b]), roomy=True) is None:
+                idle = 0 if gain > _GAIN else idle
                 corners = [*corners[: i + 1], a, b, *corners[j + 1 :]]
         return _straightened(corners)
 

@@ -21,7 +21,8 @@ from engines.planning.plan import Infeasible
 Array = NDArray[np.float64]
 
 _KNOT_SPACING = 0.02
-_FINE = 0.001
+_FINE, _MOST = 0.001, 3000
+"""s between looks at a profile; of a long one so many in all"""
 _SHORTEST = 0.2
 """s: no segment is shorter, so that even a tiny correction starts and stops smoothly"""
 _RAMP, _WINDOW = 0.25, 0.15
@@ -132,7 +133,7 @@ def _profile(
     timed = instance.compute_trajectory(0.0, 0.0)
     if timed is None:
         raise Infeasible("a speed along the path within velocity, acceleration and torque limits", 0.0, "rad/s", where)
-    times = np.linspace(0.0, timed.duration, max(3, int(np.ceil(timed.duration / _FINE)) + 1))
+    times = np.linspace(0.0, timed.duration, max(3, min(int(np.ceil(timed.duration / _FINE)), _MOST) + 1))
     progress = np.clip(timed(times)[:, -1], 0.0, 1.0)
     progress[0], progress[-1] = 0.0, 1.0
     return times, np.maximum.accumulate(progress)

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.broad_phase import BroadPhase
 from engines.planning.ik.checker import ANGLE, LENGTH, Checker, missed
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure as Missed
@@ -87,7 +88,7 @@ class Verifier:
             for one in q[::4]:
                 loose = [m for m in self._checker.measures(keep, one) if m.by > BETWEEN * _tolerated(m)]
                 self._refuse(missed(loose), f"{where}, on the way")
-        clearances = self._clearance(times, q, cancelled)
+        clearances = self._clearance(times, q, at_least, cancelled)
         if not (worst := clearances.worst()).value >= at_least - LENGTH:
             raise Infeasible(
                 "clearance",
@@ -147,32 +148,43 @@ class Verifier:
                 worst.constraint, worst.by, worst.unit, where, f"({worst.what}) is {worst.value:.3g} {worst.unit}"
             )
 
-    def _clearance(self, times: Array, q: Array, cancelled: Callable[[], bool]) -> Measure:
-        """The smallest distances over (k, nq). Every TOLD-th row's is exact up to NEAR, others' where they are the least so far."""
-        world = self._world
-        told: list[tuple[float, float, str]] = []
-        first, second = world.pairs.T
-        reach = world.radii[first] + world.radii[second]
-        least = NEAR
+    def _clearance(self, times: Array, q: Array, at_least: float, cancelled: Callable[[], bool]) -> Measure:
+        """The smallest distances at every TOLD-th of (k, nq), up to NEAR, at all about the least, and at the first too near."""
+        broad = BroadPhase(self._world, np.full(len(self._world.pairs), at_least - LENGTH))
+        told: dict[int, tuple[float, str]] = {}
         for number, row in enumerate(q):
             if cancelled():
                 raise Cancelled("planning was cancelled")
-            pin.forwardKinematics(self._model, self._data, row)
-            pin.updateGeometryPlacements(self._model, self._data, world.geometry, self._scratch)
-            turned = self._placed[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)  # kept by columns
-            balls = np.einsum("bij,bj->bi", turned, world.centres) + self._placed[:, 9:]
-            apart = balls[first] - balls[second]
-            exact = number % TOLD == 0 or number == len(q) - 1
-            here, which = NEAR if exact else least, -1
-            for pair in np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < (reach + here) ** 2).tolist():
-                distance = pin.computeDistance(world.geometry, self._scratch, pair).min_distance
-                if not distance >= here:
-                    here, which = distance, pair
-            if exact or which >= 0:
-                told.append((float(times[number]), float(here), world.between(which) if which >= 0 else ""))
-            least = min(least, here)
-        when, distances, about = zip(*told, strict=True)
-        return Measure(CLEARANCE, np.array(when), np.array(distances), tuple(about))
+            if number % TOLD == 0 or number == len(q) - 1:
+                told[number] = self._nearest(row)
+            elif broad.met(row):
+                told[number] = self._nearest(row)
+                break
+        least = min(told, key=lambda number: told[number][0])
+        for number in range(max(least - TOLD + 1, 0), min(least + TOLD, len(q))):
+            if number not in told:
+                told[number] = self._nearest(q[number])
+        numbers = sorted(told)
+        distances, about = zip(*(told[number] for number in numbers), strict=True)
+        return Measure(CLEARANCE, times[numbers], np.array(distances), about)
+
+    def _nearest(self, q: Array) -> tuple[float, str]:
+        """The smallest distance at (nq,), at most NEAR, and between whom."""
+        world = self._world
+        pin.forwardKinematics(self._model, self._data, q)
+        pin.updateGeometryPlacements(self._model, self._data, world.geometry, self._scratch)
+        turned = self._placed[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)  # kept by columns
+        balls = np.einsum("bij,bj->bi", turned, world.centres) + self._placed[:, 9:]
+        first, second = world.pairs.T
+        gaps = np.linalg.norm(balls[first] - balls[second], axis=1) - world.radii[first] - world.radii[second]
+        here, which = NEAR, -1
+        for pair in np.argsort(gaps).tolist():
+            if gaps[pair] >= here:
+                break
+            distance = pin.computeDistance(world.geometry, self._scratch, pair).min_distance
+            if not distance >= here:
+                here, which = float(distance), pair
+        return here, world.between(which) if which >= 0 else ""
 
 
 def _close(knots: Knots) -> Array:

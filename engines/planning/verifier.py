@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.broad_phase import BroadPhase
 from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
@@ -120,9 +121,7 @@ class Verifier:
         self._model = world.mechanism.model
         self._data, self._scratch = self._model.createData(), world.geometry.createData()
         self._floors = (margins or Margins()).floors(world)
-        for request, floor in zip(self._scratch.collisionRequests, self._floors.tolist(), strict=True):
-            request.security_margin = floor - NEAR
-        self._broad = pin.BroadPhaseManager_SSaPCollisionManager(self._model, world.geometry, self._scratch)
+        self._broad = BroadPhase(world, self._floors - NEAR)
 
     def violations(
         self, plan: Motion, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
@@ -205,15 +204,11 @@ class Verifier:
 
     def _of_bodies(self, times: Array, q: Array, floors: Array) -> Iterator[tuple[float, Measure, float]]:
         world, scratch = self._world, self._scratch
-        for pair, floor in enumerate(floors.tolist()):
-            if floor == -np.inf:
-                scratch.deactivateCollisionPair(pair)
-            else:
-                scratch.activateCollisionPair(pair)
+        self._broad.only(floors > -np.inf)
         for time, configuration in zip(times.tolist(), q, strict=True):
-            if not pin.computeCollisions(self._model, self._data, self._broad, configuration, True):
+            if not self._broad.met(configuration):
                 continue
-            pin.computeDistances(world.geometry, scratch)
+            pin.computeDistances(self._model, self._data, world.geometry, scratch, configuration)
             for pair, (found, floor) in enumerate(zip(scratch.distanceResults, floors.tolist(), strict=True)):
                 if found.min_distance < floor - NEAR:
                     distance = float(found.min_distance)

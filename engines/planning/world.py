@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Iterable, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -60,7 +61,7 @@ class World:
         plain = [*names[:links], *(obstacle.name for obstacle in self.obstacles)]
         supports = [set(model.supports[j]) - {0} for j in range(model.njoints)]
         moves = self._movers(moving)
-        pairs, may_touch = [], _Listed(allowed)
+        pairs, may_touch = [], _listed(mechanism, allowed)
         for second in range(len(names)):
             for first in range(min(second, links)):
                 apart = supports[joints[first]] ^ supports[joints[second]]
@@ -115,6 +116,14 @@ class World:
             [found[self.names[i], self.names[j]] or found[self.names[i], plain[j]] for i, j in self.pairs.tolist()],
             bool,
         )
+
+
+_KNOWN: WeakKeyDictionary[Mechanism, dict[tuple[tuple[str, str], ...], _Listed]] = WeakKeyDictionary()
+
+
+def _listed(mechanism: Mechanism, pairs: tuple[tuple[str, str], ...]) -> _Listed:
+    """What is found is kept: a robot's links are the same in every world."""
+    return _KNOWN.setdefault(mechanism, {}).setdefault(pairs, _Listed(pairs))
 
 
 class _Listed(dict[tuple[str, str], bool]):

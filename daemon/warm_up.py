@@ -10,9 +10,10 @@ from daemon.controllers.joint_trajectory import JointTrajectory
 from daemon.controllers.outer_integral import OuterIntegral
 from daemon.exchange import StreamMotion, TrajectoryMotion
 from daemon.safety.bodies import Bodies
+from daemon.safety.braking import Braking
 from daemon.safety.limits import Limits, enforce
 from daemon.safety.rules import followed
-from daemon.safety.separation import judge
+from daemon.safety.separation import COMMANDED, judge
 from daemon.state.observer import SENSOR_AGE
 from daemon.state.robot_state import RobotState
 from hal.device import DeviceState
@@ -43,7 +44,8 @@ def warm_up(kinematics: Kinematics) -> None:
     stream.activate(robot, command)
     stream.update(robot, command)
     bodies = Bodies.of(kinematics)
-    told = (command.table, command.table, state.table)
-    judge(*told, *bodies.tables, *bodies.kept(), limits.period, True)
+    braking, kept = Braking(kinematics, bodies.limits, limits.period), bodies.kept()
+    braking.look(kept.moving, 0.0)
+    judge(command.table, command.table, state.table, braking.limits, *bodies.tables, *kept, limits.period, COMMANDED)
     followed(path.joints, command.position, state)
     enforce(JointCommand(n), command, JointCommand(n), state, limits)

@@ -23,6 +23,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from daemon.safety.braking import at_most
 from daemon.safety.separation import AXIS, HALF_SPACE, PLACEMENT, REACH, SELF, Kept
 from handrail.robot.guarding import HalfSpace, KeepOut, Region
 from handrail.robot.kinematics import Kinematics
@@ -40,10 +41,6 @@ _NEAR_IN_TREE = 2
 """links at most so many joints apart overlap at their joints, or can't meet within the joints' limits: never watched"""
 _POSTURES = 200
 """at random, over which inertia and weight are looked at for the most that they can be"""
-_SHARE = 0.6
-"""of the torque that weight leaves, and of its rate, that may be spent on braking: the rest is for what the model does not know"""
-_LEAST = 0.25
-"""of a joint's torque that braking may count on, whatever weight is on it"""
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,12 @@ class Bodies:
     margins: Array
     """(p,) m"""
     limits: Array
+    """of braking in the worst posture (braking.at_most)"""
 
     @functools.cached_property
     def tables(self) -> tuple[Any, ...]:
-        """What `judge` takes of them, in its order."""
-        return (self.limits, self.joints, self.tree, self.shapes, self.bodies, self.vertices, self.pairs, self.groups)
+        """What `judge` takes of them, in its order, behind the limits of braking (braking.Braking)."""
+        return (self.joints, self.tree, self.shapes, self.bodies, self.vertices, self.pairs, self.groups)
 
     def kept(self) -> Kept:
         """What `judge` keeps, before its first call."""
@@ -136,7 +134,7 @@ class Bodies:
             pairs=np.array(pairs, np.int64).reshape(-1, 4)[order],
             groups=np.array(groups, np.int64).reshape(-1, 5),
             margins=np.array(margins, float)[order],
-            limits=_limits(kinematics, fitted["inertia"], fitted["weight"]),
+            limits=at_most(kinematics, fitted["inertia"], fitted["weight"]),
         )
 
 
@@ -228,12 +226,6 @@ def _reach(joints: Array, tree: NDArray[np.int64], bodies: NDArray[np.int64], ve
             slack = 1.0 if tree[joint, 2] else 0.0  # m that a sliding joint may move on
             beyond = np.linalg.norm(joints[joint, 9:12]) + slack + joints[joint, REACH]
             joints[parent, REACH] = max(joints[parent, REACH], beyond)
-
-
-def _limits(kinematics: Kinematics, inertia: Any, weight: Any) -> Array:
-    description = kinematics.description
-    torque = np.maximum(_SHARE * (description.torque_limit - weight), _LEAST * description.torque_limit)
-    return np.vstack((inertia, torque, _SHARE * description.torque_rate_limit, 0.5 * description.stiffness))
 
 
 # ------------------------------------------------------------------------------------------------------------------ the fit

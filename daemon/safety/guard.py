@@ -6,7 +6,9 @@ which braking is safe, and if this one is not, whoever commands the joints betwe
 within their margin when the robot is enabled, or when a trip is acknowledged, are excused until they have left it: they may stay,
 and go away from each other, but come no nearer.
 
-What counts of a joint is what it is told; of one whose drive holds it softly, or not at all, what is measured of it.
+What counts of a joint is what it is told; of one whose drive holds it softly, or not at all, what is measured of it. Where somebody
+has pushed a stiff joint away from its command, the same is asked a second time of where it is: arms that are pushed together may
+stay so, but nothing moves on towards them.
 """
 
 from __future__ import annotations
@@ -19,8 +21,9 @@ from daemon.controllers.brake import Brake
 from daemon.controllers.manager import ControllerManager
 from daemon.exchange import Outcome, Rule, frame_names
 from daemon.safety.bodies import Bodies
+from daemon.safety.braking import Braking
 from daemon.safety.ledger import GUARDS, Ledger
-from daemon.safety.separation import MAX_TRIPS, judge
+from daemon.safety.separation import COMMANDED, EXCUSING, MAX_TRIPS, PUSHED, judge
 from daemon.state.robot_state import RobotState
 from hal.joint import JointCommand
 
@@ -36,7 +39,8 @@ class Guard:
         n, description = len(robot.joints), robot.kinematics.description
         self._rows = {name: row for row, name in enumerate(frame_names(description))}
         self._regions = {region.name: row for row, region in enumerate(description.guard.regions)}
-        self._kept = bodies.kept()
+        self._braking = Braking(robot.kinematics, bodies.limits, robot.period)
+        self._kept, self._pushed = bodies.kept(), bodies.kept()
         self._moving = self._kept.moving
         self._speed, self._duration = np.zeros(n), 0.0
         """of the command before: rad/s, and s that braking from it takes"""
@@ -57,16 +61,25 @@ class Guard:
             self._let_go(last)
         if self._excuses:
             self._excuses = False
-            self._judge(command, command, True)
-        found, duration = self._judge(command, last, False)
+            self._judge(command, command, EXCUSING)
+            self._braking.look(self._moving, 0.0)
+        found, duration, pushed = self._judge(command, last, COMMANDED)
         if found and self._brake(self._kept.trips[:found], last):
             return True
+        if (
+            pushed
+            and (found := self._judge(command, last, PUSHED)[0])
+            and self._brake(self._pushed.trips[:found], last)
+        ):
+            return True
         self._speed[:], self._duration = self._moving[1], duration
+        self._braking.update(self._moving, duration)
         return False
 
-    def _judge(self, command: JointCommand, last: JointCommand, excuse: bool) -> tuple[int, float]:
-        told = (command.table, last.table, self._robot.joints.table)
-        return judge(*told, *self._bodies.tables, *self._kept, self._robot.period, excuse)  # type: ignore[no-any-return]
+    def _judge(self, command: JointCommand, last: JointCommand, look: int) -> tuple[int, float, bool]:
+        told = (command.table, last.table, self._robot.joints.table, self._braking.limits)
+        kept = self._pushed if look == PUSHED else self._kept
+        return judge(*told, *self._bodies.tables, *kept, self._robot.period, look)  # type: ignore[no-any-return]
 
     def _brake(self, trips: Array, last: JointCommand) -> bool:
         joints = np.unique(np.concatenate([self._bodies.between(int(pair)) for pair in trips[:, 0]]))

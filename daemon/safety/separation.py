@@ -47,6 +47,10 @@ _CLOSING = 1e-3
 """m/s: an excused pair that comes closer no faster does not move: that is arithmetic, and noise"""
 _ROOM = 0.005
 """m beyond its margin at which a pair is excused no longer"""
+COMMANDED, EXCUSING, PUSHED = 0, 1, 2
+"""ways of looking: at what is told; at that, and whoever is too near now is excused; at where stiff joints have been pushed to"""
+PUSHED_BY = 0.03
+"""rad that a joint which its drive holds may be away from its command without anybody's having pushed it there"""
 _FAR = 1e6
 """rad: whoever goes so far in a cycle has left all gaps behind"""
 _STILL = 0.02
@@ -239,10 +243,10 @@ def _place(moving, joints, tree, placed):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _take(wanted, last, measured, limits, period, moving):  # type: ignore[no-untyped-def]
+def _take(wanted, last, measured, limits, period, moving, look):  # type: ignore[no-untyped-def]
     """`moving` (3, n): positions and speeds that count, and rad since the last call. Of a joint that its drive holds, what it is
-    told; of a soft one, what is measured of it. Returns how long braking takes, s."""
-    n = wanted.shape[1]
+    told; of a soft one, what is measured of it. Returns how long braking takes, s, and whether somebody has pushed a joint away."""
+    n, pushed = wanted.shape[1], False
     for j in range(n):
         before = moving[0, j]
         if wanted[3, j] < limits[n + 2, j]:
@@ -250,6 +254,11 @@ def _take(wanted, last, measured, limits, period, moving):  # type: ignore[no-un
             moving[0, j], moving[1, j] = measured[0, j], speed if abs(speed) > _STILL else 0.0
         else:
             moving[0, j], moving[1, j] = wanted[0, j], (wanted[0, j] - last[0, j]) / period
+            off = measured[0, j] - wanted[0, j]
+            if abs(off) > PUSHED_BY:
+                pushed = True
+                if look == PUSHED:
+                    moving[0, j] += off - PUSHED_BY if off > 0.0 else off + PUSHED_BY
         way = abs(moving[0, j] - before)
         moving[2, j] = way if way < _FAR else _FAR  # NaN, too: then nothing is known any more
     time = 0.0
@@ -258,7 +267,7 @@ def _take(wanted, last, measured, limits, period, moving):  # type: ignore[no-un
         for k in range(n):
             momentum += limits[j, k] * abs(moving[1, k])
         time = max(time, 1.5 * momentum / limits[n, j], math.sqrt(6.0 * momentum / limits[n + 1, j]))
-    return time
+    return time, pushed
 
 
 @njit(error_model="numpy")
@@ -274,23 +283,25 @@ def _centre(shapes, bodies, placed, body):  # type: ignore[no-untyped-def]
 @compiled(error_model="numpy")
 def judge(  # type: ignore[no-untyped-def]
     wanted, last, measured, limits, joints, tree, shapes, bodies, vertices, pairs, groups,
-    memory, room, placed, moving, trips, period, excuse,
+    memory, room, placed, moving, trips, period, look,
 ):  # fmt: skip
-    """Which pairs would come nearer than they may if the robot braked after this cycle: (how many, s that braking takes).
+    """Which pairs would come nearer than they may if the robot braked after this cycle: (how many, s that braking takes, whether a
+    joint that its drive holds has been pushed away from its command).
 
     `wanted`, `last`, `measured`: JointCommand.table (5, n) of this cycle and the one before, JointState.table (4, n).
-    `limits` (n + 3, n): the largest |M(q)|, then N·m and N·m/s that are left for braking, then the stiffness below which a joint
+    `limits` (n + 3, n): |M(q)|, then N·m and N·m/s that are left for braking, then the stiffness below which a joint
     is soft. Braking scales the present speeds by 1 − 3u² + 2u³, u = t/T: for all joints the same T, the longest of their bounds
     1.5 |M||q̇| / τ and √(6 |M||q̇| / τ̇). So the run-out S is T/2, and what is run through v²/2a with a = 2τ / 3M.
     `joints` (k, 16), `tree` (k, 3: joint before, row, whether it slides): the first is the base. `shapes` (m, 5: sphere around it
     in its joint's frame, rounding), `bodies` (m, 3: joint, first and last vertex), `vertices` (·, 3) m. `pairs` (p, 4: two bodies,
     the last joint from which both hang, kind), in `groups` (g, 5: two joints, that last one, first and last pair).
     What is kept from call to call: `memory` (p, REMEMBERED) of each pair, `room` (g,) m that a group has beyond its margins,
-    `placed` (k, PLACED), `moving` (3, n). With `excuse`, pairs that are within their margin now are excused: they may be so near,
-    and go away from each other, but not come nearer. `trips` (MAX_TRIPS, 3: pair, distance, what would be left of it, m) is
-    written.
+    `placed` (k, PLACED), `moving` (3, n). `trips` (MAX_TRIPS, 3: pair, distance, what would be left of it, m) is written.
+    `look`: at COMMANDED; EXCUSING pairs that are within their margin now: they may be so near, and go away from each other, but not
+    come nearer; PUSHED, with what somebody has pushed a stiff joint away by beyond PUSHED_BY: then every such pair is excused.
     """
-    time = _take(wanted, last, measured, limits, period, moving)
+    time, pushed = _take(wanted, last, measured, limits, period, moving, look)
+    excuse = look == EXCUSING
     run_out = 0.0 if excuse else 0.5 * time
     w, v, u = np.empty((4, 3)), np.empty(3), np.empty(3)
     _place(moving, joints, tree, placed)
@@ -395,8 +406,9 @@ def judge(  # type: ignore[no-untyped-def]
             if excuse:
                 about[EXCUSED] = 1.0 if now < margin else 0.0
                 continue
-            step_s = period if excused else run_out
-            then = _gap(vertices, bodies, placed, a, b, base, x, y, z, step_s)[0] - round_off
+            excused = excused or (look == PUSHED and now < margin)
+            ahead = period if excused else run_out
+            then = _gap(vertices, bodies, placed, a, b, base, x, y, z, ahead)[0] - round_off
             if not excused:
                 then -= bend
             elif then - now >= -_CLOSING * period:
@@ -404,5 +416,5 @@ def judge(  # type: ignore[no-untyped-def]
             trips[found, 0], trips[found, 1], trips[found, 2] = number, now, min(now, then)
             found += 1
             if found == MAX_TRIPS:
-                return found, time
-    return found, time
+                return found, time, pushed
+    return found, time, pushed

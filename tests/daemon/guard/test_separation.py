@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from daemon.exchange import Answer
 from daemon.safety.bodies import Bodies
-from daemon.safety.separation import MARGIN, MAX_TRIPS, judge
+from daemon.safety.separation import COMMANDED, EXCUSING, MARGIN, MAX_TRIPS, judge
 from hal.drives.protocol import LimbProtocol
 from hal.joint import JointCommand, JointState
 from handrail.messages import JointTrajectory
@@ -51,8 +51,9 @@ class Judged:
 
     def __call__(self, position: np.ndarray, velocity: np.ndarray, *, excuse: bool = False) -> tuple[int, float]:
         self.command.position[:], self.last.position[:] = position, position - velocity * self.period
-        told = (self.command.table, self.last.table, self.state.table)
-        return judge(*told, *self.bodies.tables, *self.kept, self.period, excuse)
+        self.state.position[:] = position
+        told = (self.command.table, self.last.table, self.state.table, self.bodies.limits)
+        return judge(*told, *self.bodies.tables, *self.kept, self.period, EXCUSING if excuse else COMMANDED)[:2]
 
 
 class Hulls:

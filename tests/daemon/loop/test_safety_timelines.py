@@ -17,6 +17,7 @@ from daemon.safety import rules
 from daemon.safety.bounds import DIVERGED, STALE
 from daemon.safety.report import safety_report
 from daemon.safety.rules import Followed, followed, isolated_with, unsafe
+from daemon.safety.separation import PUSHED_BY
 from daemon.safety.table import TABLE, markdown
 from daemon.serving.drive_reports import drive_problems
 from hal.drives.lifecycle import State
@@ -51,6 +52,12 @@ def held(bench: Any) -> np.ndarray:
     bench.run(20)
     assert np.abs(bench.snapshot()["command"][0] - where).max() < 1e-9
     return where
+
+
+def run_to_end(bench: Any) -> None:
+    """Until no action runs."""
+    while bench.loop.actions.running():
+        bench.run()
 
 
 def operator_stop(bench: Any) -> None:
@@ -147,7 +154,7 @@ def brakes_and_latches(bench: Any, rule: Rule, joint: str, by: float, bodies: st
     assert bytes(bench.snapshot()["actions"][0]["detail"]).decode().startswith(bodies.split(" and ", maxsplit=1)[0])
     assert bench.action(1)[0] is ActionState.RUNNING
     speed = np.diff(np.array(commands), axis=0) / 0.002
-    assert abs(speed[-1, row]) < 1e-3
+    assert abs(speed[-1, row]) < 5e-3, "in the last step of braking"
     assert abs(speed[-1, other]) > 0.01
     assert np.abs(np.diff(speed[:, row])).max() < 0.5, "no jump: rad/s from cycle to cycle"
     held = tripped(bench, rule)
@@ -177,6 +184,34 @@ def self_collision(bench: Any) -> None:
 
 def workspace(bench: Any) -> None:
     brakes_and_latches(bench, Rule.WORKSPACE, "arm_right_4_joint", 1.2, "tool_right and wall")
+
+
+def test_an_arm_that_is_pushed_off_its_command_is_guarded_where_it_is(
+    make_bench: Callable[..., Any], talos: Any
+) -> None:
+    bench, joint = make_bench(talos), "arm_left_3_joint"
+    row = bench.index(joint)
+    bench.enable()
+    bench.drives.external_torque[row] = -60.0  # towards the leg
+    bench.run(100)
+    pushed = bench.drives.state.position[row] - bench.loop.written.position[row]
+    assert pushed < -2 * PUSHED_BY
+    assert not tripped(bench, Rule.SELF_COLLISION)["times"], "whoever stands is left alone, whatever is done to him"
+    bench.start(bench.move(joint, -0.95, 1.0))
+    run_to_end(bench)
+    assert bench.action()[1] is Outcome.TOO_CLOSE
+    assert tripped(bench, Rule.SELF_COLLISION)["holds"]
+    assert bench.drives.state.position[row] < bench.loop.written.position[row] + 0.8 * pushed
+    bench.run(100)  # braking ends
+    bench.enable()
+    bench.start(bench.move(joint, 0.2, 0.5))
+    run_to_end(bench)
+    assert bench.action(1)[1] is Outcome.DONE, "away is free"
+    bench.drives.external_torque[row] = 0.0
+    bench.run(100)
+    bench.start(bench.move(joint, -0.95 - bench.loop.written.position[row], 0.6))
+    run_to_end(bench)
+    assert bench.action(2)[1] is Outcome.DONE, "where nobody pushes, there is room"
 
 
 def not_finite(bench: Any) -> None:

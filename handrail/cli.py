@@ -34,6 +34,7 @@ _VERBS = {
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
     "program": "Check or run a program of the library.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
+    "node": "Process nodes: list them, show one's ports, try its cases, run it, without an engine.",
     "new": "Begin a workspace, a program, a behaviour, a scene, a template or a controller of your own.",
     "behaviour": "Chains of actions: check a file, run it on the robot that is up.",
     "replay": "Drive the control loop from a recording and find the first command that is another one now.",

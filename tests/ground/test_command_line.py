@@ -21,6 +21,7 @@ VERBS = [
     "drives",
     "program",
     "plan",
+    "node",
     "robot",
     "new",
     "behaviour",

@@ -1,0 +1,128 @@
+"""What a node's process and its host say to each other: MessagePack structs, each after its length, over a socket pair."""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import threading
+from typing import Any
+
+import msgspec
+
+_LENGTH = struct.Struct("<Q")
+
+
+class Put(msgspec.Struct, tag=True):
+    """To the node: inputs and parameters, all or none of which count from the next step on."""
+
+    inputs: dict[str, Any] = {}
+    params: dict[str, Any] = {}
+    number: int = 0
+    """that the answer repeats; the first is 0"""
+    step: bool = False
+    """one step follows"""
+
+
+class End(msgspec.Struct, tag=True):
+    """To the node: end after this step."""
+
+
+class PortTold(msgspec.Struct):
+    name: str
+    kind: str
+    doc: str = ""
+    unit: str = ""
+    default: Any = None
+
+
+class Hello(msgspec.Struct, tag=True):
+    """From the node: it is loaded."""
+
+    name: str
+    doc: str
+    every: float | None
+    step_limit_s: float
+    inputs: list[PortTold]
+    outputs: list[PortTold]
+    params: list[PortTold]
+    memory_mb: float
+    """resident after its imports"""
+
+
+class Ready(msgspec.Struct, tag=True):
+    """From the node: its first parameters and inputs fit, and it has started."""
+
+
+class Stepped(msgspec.Struct, tag=True):
+    """From the node: a step is done, or what was put was taken."""
+
+    number: int
+    """as asked; 0: it steps by itself"""
+    outputs: dict[str, Any]
+    took_s: float
+
+
+class Declined(msgspec.Struct, tag=True):
+    """From the node: what was put does not fit; it goes on with what it had."""
+
+    number: int
+    why: str
+
+
+class Failed(msgspec.Struct, tag=True):
+    """From the node: its code raised; it ends."""
+
+    why: str
+    traceback: str
+
+
+class Beat(msgspec.Struct, tag=True):
+    """From the node, several times a second, from a thread of its own."""
+
+    busy_s: float
+    """wall time since the step began that is under way; 0: none is"""
+
+
+FromNode = Hello | Ready | Stepped | Declined | Failed | Beat
+ToNode = Put | End
+
+
+class Wire:
+    """One end. Sending is safe from several threads."""
+
+    def __init__(self, connection: socket.socket, kinds: Any):
+        self.socket = connection
+        self._decoder = msgspec.msgpack.Decoder(kinds)
+        self._lock = threading.Lock()
+        self._got = bytearray()
+
+    def send(self, message: msgspec.Struct) -> None:
+        """Raises OSError when the other end is gone."""
+        payload = msgspec.msgpack.encode(message)
+        with self._lock:
+            self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
+
+    def close(self) -> None:
+        """Whoever sends afterwards gets an OSError."""
+        with self._lock:
+            self.socket.close()
+
+    def receive(self, timeout_s: float | None) -> Any | None:
+        """The next message, None when none came in time. Raises EOFError when the other end is gone."""
+        while True:
+            if len(self._got) >= _LENGTH.size:
+                end = _LENGTH.size + _LENGTH.unpack_from(self._got)[0]
+                if len(self._got) >= end:
+                    payload = bytes(self._got[_LENGTH.size : end])
+                    del self._got[:end]
+                    return self._decoder.decode(payload)
+            if not select.select([self.socket], [], [], timeout_s)[0]:
+                return None
+            try:
+                more = self.socket.recv(1 << 20)
+            except ConnectionError:
+                more = b""
+            if not more:
+                raise EOFError
+            self._got += more

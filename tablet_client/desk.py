@@ -243,6 +243,7 @@ class Desk(QObject):
             "enableWhy": self._why("enable"),
             "clearWhy": self._why("clear_stop"),
             "moving": robot.moving,
+            "speed": round(status.speed * 100) if status else 100,
             "cloudAge": self._cloud_age(),
             "places": list(self.situation.world.instances),
         }

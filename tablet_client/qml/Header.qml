@@ -51,7 +51,8 @@ Rectangle {
             text: Words.drives(header.view.drives)
             detail: header.view.drives === "stopped" ? header.view.stopReason
                 : header.view.drives === "fault" ? header.view.faulty.join(", ")
-                : header.view.drives === "enabled" ? (header.view.moving ? qsTr("moving") : qsTr("holding")) : ""
+                : header.view.drives === "enabled" ? (header.view.moving ? qsTr("moving") : qsTr("holding"))
+                    + (header.view.speed < 100 ? qsTr(" · %1 % speed").arg(header.view.speed) : "") : ""
             color: Words.drivesColor(header.view.drives)
         }
         Item { Layout.fillWidth: true }

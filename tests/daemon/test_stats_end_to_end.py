@@ -41,6 +41,12 @@ def test_the_commands_tell_of_the_running_robot_and_name_what_is_wrong(robot, ha
     assert sum(int(line[line.index("%") - 2]) for line in counted) == int(shown.stdout.split()[0])
     assert any(line[-1].startswith("█") for line in counted)
 
+    assert run(cli.daemon, "speed").stdout == "motions run at 100 % of the planned speed\n"
+    assert run(cli.daemon, "speed", "40").stdout == "motions run at 40 % of the planned speed\n"
+    robot.daemon.wait_status(lambda status: status.speed == 0.4, "every client hears it")
+    assert run(cli.daemon, "speed", "5").exit_code == 2
+    assert "no such action is running" in run(cli.daemon, "speed", "50", "--action", "nobody's").output
+
     well = run(cli.hardware, "status")
     assert well.exit_code == 0, well.output
     parts = table(well.stdout)
@@ -76,7 +82,13 @@ def test_the_commands_tell_of_the_running_robot_and_name_what_is_wrong(robot, ha
 
 @pytest.mark.parametrize(
     ("app", "words"),
-    [(cli.daemon, ["stats"]), (cli.hardware, ["status"]), (cli.safety, ["explain"]), (cli.safety, ["keepalive", "me"])],
+    [
+        (cli.daemon, ["stats"]),
+        (cli.daemon, ["speed", "50"]),
+        (cli.hardware, ["status"]),
+        (cli.safety, ["explain"]),
+        (cli.safety, ["keepalive", "me"]),
+    ],
 )
 def test_the_commands_say_in_a_line_that_no_robot_is_up_and_what_to_do(tmp_path, app, words):
     nobody = CliRunner().invoke(app, [*words, "--runtime", str(tmp_path)])

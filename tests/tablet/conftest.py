@@ -61,7 +61,7 @@ class FakeRobot:
         self.calls: list[Any] = []
         self.reachable = True
         self.engine_there = True
-        self.enabled, self.stopped, self.stop_reason = True, False, ""
+        self.enabled, self.stopped, self.stop_reason, self.speed = True, False, "", 1.0
         self.hanging = threading.Event()  # set: calls other than STOP never come back
         self.released = threading.Event()
         self.instances: list[InstanceState] = []
@@ -97,6 +97,7 @@ class FakeRobot:
             "enabled": self.enabled and not self.stopped,
             "stopped": self.stopped,
             "stop_reason": self.stop_reason,
+            "speed": self.speed,
             "drives": [DriveStatus(joint=joint, state=drive) for joint in self.description.joints],
             "controllers": {},
             "loop": LoopStatistics(),

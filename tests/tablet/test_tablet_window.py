@@ -568,6 +568,10 @@ def test_a_window_without_a_robot_says_what_to_do_and_fills_when_it_comes(robot,
     robot.reachable = True
     shown.drawn()
     shown.until(lambda: shown.item("robotName").property("text") == "talos_upper")
+    assert shown.item("drivesChip").property("detail") == "holding"
+    robot.speed = 0.4
+    robot.publish(robot.status())
+    shown.until(lambda: shown.item("drivesChip").property("detail") == "holding · 40 % speed")
 
 
 def test_a_link_that_goes_and_comes_back_is_shown_and_survived(asking, robot):

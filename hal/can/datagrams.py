@@ -89,3 +89,27 @@ def send(descriptor, words, n, ledger):  # type: ignore[no-untyped-def]
             return told
     count_batch(words, n, SENT, ledger)
     return np.int64(0)
+
+
+@compiled
+def post(descriptor, words, first, n):  # type: ignore[no-untyped-def]
+    """Send n records from record `first` on as one datagram; 0, or the error number."""
+    words = borrowed(words)
+    while _send(np.int32(descriptor), words.ctypes.data + BYTES * first, BYTES * n, np.int32(_QUIET)) < 0:
+        told = _trouble()
+        if told != _INTERRUPTED:
+            return told
+    return np.int64(0)
+
+
+@compiled
+def take(descriptor, words, first):  # type: ignore[no-untyped-def]
+    """Read one datagram to record `first` and behind, room for `MAX_BYTES` + 1 provided; its bytes, or −the error number."""
+    words = borrowed(words)
+    while True:
+        got = _recv(np.int32(descriptor), words.ctypes.data + BYTES * first, MAX_BYTES + 1, np.int32(_NO_WAIT))
+        if got >= 0:
+            return got
+        told = _trouble()
+        if told != _INTERRUPTED:
+            return -told

@@ -12,6 +12,7 @@ do they while a fault is on the bus, though then only a babbling node makes them
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import time
@@ -22,12 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from hal.awake import Awake
-from hal.can import wire
+from hal.can import datagrams, wire
 from hal.can.alarm import Alarm
 from hal.can.careful_path import CarefulPath
 from hal.can.control import BusReport, NodeState
 from hal.can.faults import Fault
-from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK
+from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.hub_control import answer
 from hal.can.hub_report import ChannelStatistics, Reporter
 from hal.can.members import Members
@@ -196,7 +197,7 @@ class Hub:
             notices["flags"], notices["time_ns"] = TICK, self._clock()
             for node in self._members.greeted:
                 if node.ticks:
-                    self._send(node, memoryview(notices.tobytes()), len(notices))
+                    self._send(node, notices.view(np.uint64), len(notices))
             self._ticks_owed = 0
 
     @property
@@ -227,14 +228,14 @@ class Hub:
             told = ticks if node.ticks else 0
             if node not in sent_by or node.own_frames:
                 if node.hears_all:
-                    self._send(node, quick.carried_bytes, n + told)
+                    self._send(node, quick.carried, n + told)
                     continue
             elif len(sent_by) == 1:
                 continue
             count = quick.select(n, node.outbound, None if node.own_frames else node.number)
             if told:
                 quick.append(count, n, told)
-            self._send(node, quick.selected_bytes, count + told)
+            self._send(node, quick.selected, count + told)
 
     def _pass_on_selected(self, n: int) -> None:
         """Send n frames of the careful path to everybody else who hears."""
@@ -247,14 +248,14 @@ class Hub:
                 wanted = wanted.copy()
                 wanted[: len(every)][~self._traffic.hears(np.full(len(every), node.number), every)] = -1
             count = self._quick.select(n, wanted, None if node.own_frames else node.number)
-            self._send(node, self._quick.selected_bytes, count)
+            self._send(node, self._quick.selected, count)
 
-    def _send(self, node: Node, records: memoryview, count: int) -> None:
+    def _send(self, node: Node, words: npt.NDArray[np.uint64], count: int) -> None:
         for start in range(0, count, wire.MAX_RECORDS):
-            datagram = records[BYTES * start : BYTES * min(count, start + wire.MAX_RECORDS)]
-            if not node.send(datagram):
+            n = min(count - start, wire.MAX_RECORDS)
+            if not node.send(words, start, n):
                 waits = node.waiting
-                self.dropped += node.keep(datagram, self._clock)
+                self.dropped += node.keep(words[WORDS * start : WORDS * (start + n)].tobytes(), self._clock)
                 if node.waiting and not waits:
                     self._epoll.modify(node.connection, _IN | _OUT)
 
@@ -303,20 +304,18 @@ class Hub:
     def _take(self, node: Node, n: int) -> int:
         """Read a node's datagrams behind the n records that are there; returns how many there are then."""
         start, leaves = n, False
-        receive, inbox = node.connection.recv_into, self._quick.inbox_bytes
+        descriptor, inbox, quick = node.connection.fileno(), self._quick.inbox_bytes, self._quick
         turns = 1 if node.spared else _TURN
         node.spared = max(0, node.spared - 1)
         for turn in range(turns):
             if n + wire.MAX_RECORDS > CAPACITY:
                 break
-            try:
-                size = receive(inbox[BYTES * n :], wire.MAX_BYTES + 1)
-            except BlockingIOError:
+            size = datagrams.take(descriptor, quick.inbox, n)
+            if size == -errno.EAGAIN:
                 if turn and self._lockstep:  # who sends a datagram a cycle has no second one
                     node.spared = _SPARED
                 break
-            except OSError:
-                size = 0
+            size = max(size, 0)
             if size and not (node.greeted and not node.control):
                 datagram = bytes(inbox[BYTES * n : BYTES * n + size])
                 if node.greeted:
@@ -333,7 +332,7 @@ class Hub:
                 break
             n += size // BYTES
         if n > start:
-            self._quick.inbox_senders[start:n] = node.number
+            quick.inbox_senders[start:n] = node.number
             self._sent_by.append(node)
         if leaves:
             self._part(node)

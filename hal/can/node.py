@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
+from hal.can import datagrams
 from hal.can.frames import BYTES, LOST, MAX_CHANNELS, RECORD
 
 
@@ -53,19 +56,14 @@ class Node:
         """True while something waits until the socket has room."""
         return bool(self._queue)
 
-    def send(self, datagram: memoryview) -> bool:
-        """Send records now if that can be; False: `keep` them."""
+    def send(self, words: npt.NDArray[np.uint64], first: int, n: int) -> bool:
+        """Send n records now if that can be, from record `first` on; False: `keep` them."""
         if self._queue:
             return False
-        try:
-            self.connection.send(datagram)
-        except BlockingIOError:
-            return False
-        except OSError:
-            pass  # it left; the hub hears of it when it reads
-        return True
+        # Any other error says that it left; the hub hears of it when it reads.
+        return datagrams.post(self.connection.fileno(), words, first, n) != errno.EAGAIN
 
-    def keep(self, datagram: memoryview, clock: Callable[[], int]) -> int:
+    def keep(self, datagram: bytes, clock: Callable[[], int]) -> int:
         """Queue records until there is room; returns how many were dropped since too many wait already."""
         count = len(datagram) // BYTES
         if self._queued + count > self._room:
@@ -73,7 +71,7 @@ class Node:
             return count
         if self._untold:
             self._tell(clock())
-        self._queue.append(bytes(datagram))
+        self._queue.append(datagram)
         self._queued += count
         return 0
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from hal.can import tally
+from hal.can import datagrams, tally
 from hal.can.arbitration import admit, arbitrate, by_priority, select
 from hal.can.frames import MAX_CHANNELS, RECORD, TICK, WORDS
 from hal.can.tally import Tally
@@ -37,10 +37,8 @@ class QuickPath:
         self.inbox_bytes = self.inbox.data.cast("B")
         self.inbox_records = self.inbox.view(RECORD)
         self.carried = np.zeros(WORDS * ROOM, np.uint64)
-        self.carried_bytes = self.carried.data.cast("B")
         self.records = self.carried.view(RECORD)
-        self._selected = np.zeros(WORDS * (ROOM + CAPACITY), np.uint64)
-        self.selected_bytes = self._selected.data.cast("B")
+        self.selected = np.zeros(WORDS * (ROOM + CAPACITY), np.uint64)
         self._tally, self._own_nodes = tallies, own_nodes
         self._book = np.zeros(1 + sum(_sizes(channels, nodes)), np.int64)
         self._book[_NODES] = nodes
@@ -52,6 +50,8 @@ class QuickPath:
         self._order = np.zeros(CAPACITY, np.int64)
         self._nameless = np.zeros(CAPACITY, np.int64)
         # Compile every kernel before anybody joins: a slow first cycle would fill the sockets.
+        datagrams.take(-1, self.inbox, 0)
+        datagrams.post(-1, self.carried, 0, 0)
         self.carry_inbox(0, 0)
         self.admit_inbox(0)
         self.transmit(self.inbox[:0], 0, self._nameless[:0], 0, 0)
@@ -110,11 +110,11 @@ class QuickPath:
         it does not get, or None.
         """
         skip = _NOT_ITS_OWN if listener is None else listener
-        return int(select(self.carried, self.senders, n, skip, outbound, self._selected))
+        return int(select(self.carried, self.senders, n, skip, outbound, self.selected))
 
     def append(self, count: int, n: int, ticks: int) -> None:
         """Put the notices that lie behind n records carried behind `count` selected ones."""
-        self._selected[WORDS * count : WORDS * (count + ticks)] = self.carried[WORDS * n : WORDS * (n + ticks)]
+        self.selected[WORDS * count : WORDS * (count + ticks)] = self.carried[WORDS * n : WORDS * (n + ticks)]
 
     def _no_sender(self, n: int, senders: npt.NDArray[np.int64]) -> ValueError:
         return ValueError(f"hub: senders {senders}; expected {n} places in {self._own_nodes} own nodes")

@@ -110,6 +110,7 @@ class Service:
             self.hub.transmit(answers, self._node.senders[: len(answers)])
         if steps:  # behind the answers: for these a host waits
             self._tell_truth()
+            self.world.catch_up(felt=False if steps > 1 else None)
 
     def _tell_truth(self) -> None:
         if self._truth is not None and self.world.steps % TRUTH_STEPS == 0:

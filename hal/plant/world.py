@@ -48,10 +48,8 @@ class World:
         """
         self.description, self.scene = description, scene
         self.steps = 0
-        self.contact_force = dict.fromkeys(scene.objects, 0.0)
-        """object → N, sum of the normal forces between it and the robot, when it was last looked at"""
-        self.peak_contact_force = dict.fromkeys(scene.objects, 0.0)
-        """object → N, the largest so far"""
+        self._contact_force, self._peak_contact_force = (dict.fromkeys(scene.objects, 0.0) for _ in range(2))
+        self._contacts_due = False
         self._client = p.connect(p.DIRECT)
         p.setGravity(0, 0, -GRAVITY, physicsClientId=self._client)
         p.setTimeStep(_STEP, physicsClientId=self._client)
@@ -141,6 +139,7 @@ class World:
     def step(self, *, felt: bool = True) -> None:
         """Go on by 1 ms. felt: the devices can be measured then; without it PyBullet is spared what only they want to know."""
         drives = self.drives
+        self.catch_up()
         self.devices.sense(felt)
         self.devices.work_power()
         torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
@@ -148,8 +147,28 @@ class World:
             self._work_brakes()
         self._joints.step(torque)
         self.steps += 1
-        if self.steps % _CONTACT_STEPS == 0:
+        self._contacts_due = self.steps % _CONTACT_STEPS == 0
+
+    def catch_up(self, *, felt: bool | None = None) -> None:
+        """Do what a step leaves to do, at the latest before the next one: whoever has told others of the step by then keeps nobody
+        waiting with it. felt: of the next step, where that is known."""
+        if self._contacts_due:
+            self._contacts_due = False
             self._watch_contacts()
+        if felt is not None:
+            self.devices.sense(felt)
+
+    @property
+    def contact_force(self) -> dict[str, float]:
+        """Object → N, sum of the normal forces between it and the robot, when it was last looked at."""
+        self.catch_up()
+        return self._contact_force
+
+    @property
+    def peak_contact_force(self) -> dict[str, float]:
+        """Object → N, the largest so far."""
+        self.catch_up()
+        return self._peak_contact_force
 
     def advance(self, steps: int) -> None:
         """Go on by `steps` ms."""
@@ -185,6 +204,7 @@ class World:
 
     def place(self, position: np.ndarray) -> None:
         """Put the joints at `position` rad (n,), at rest, and close the brakes there (for pictures and tests)."""
+        self.catch_up()
         for row, angle in zip(self._rows, position, strict=True):
             p.resetJointState(self._robot, row, angle, physicsClientId=self._client)
         self._joints.look()
@@ -197,8 +217,8 @@ class World:
         for name, body in self._objects.items():
             contacts = p.getContactPoints(self._robot, body, physicsClientId=self._client)
             force = sum(abs(contact[9]) for contact in contacts)
-            self.contact_force[name] = force
-            self.peak_contact_force[name] = max(self.peak_contact_force[name], force)
+            self._contact_force[name] = force
+            self._peak_contact_force[name] = max(self._peak_contact_force[name], force)
 
     def body(self, name: str) -> int:
         """PyBullet's number of an object (for tests and exercises that push it). Raises KeyError when there is none."""

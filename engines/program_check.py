@@ -19,6 +19,7 @@ from statemachine.statemachine import StateChart
 from engines import nested
 from engines.activities import ACTIVITIES
 from engines.activities.base import SHAPES, Argument, Kind, goals_in
+from engines.nodes import library as node_library
 from engines.program import CONSTANTS, Program, State, Transition
 from engines.program_expressions import ProgramEvaluator
 from engines.text import fields
@@ -167,7 +168,7 @@ def _data_of(program: Program, path: str, event: str, states: dict[str, State]) 
                 f"{path}.event", f"got {event!r}; expected the name of a state {wanted} after {prefix}"
             )
         return (
-            ACTIVITIES[named.file.do].outputs
+            ACTIVITIES[named.file.do].outputs_of(named.file.with_)
             if named.file.do in ACTIVITIES and prefix == "done.invoke."
             else frozenset()
         )
@@ -217,6 +218,16 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
                 BehaviourFile(find(str(value)), SOME_ARM)
             except ConfigError as problem:
                 raise error(path, f"got {value!r}: {problem}") from problem
+        case Kind.NODE:
+            try:
+                node_library.find(str(value))
+            except ValueError as problem:
+                raise error(path, str(problem).removeprefix("node: ")) from problem
+        case Kind.PORTS:
+            if not isinstance(value, dict):
+                raise error(path, f"got {value!r}; expected ports with their values")
+            for where, _, text in nested.parts(value, path):
+                _check_expression(program, where, text, frozenset())
         case Kind.COMPOUND:
             _check_compound(program, path, value)
         case Kind.LIST:

@@ -240,6 +240,8 @@ class Chart(Interpreter):
                 return self.words(given)
             case Kind.COMPOUND:
                 return self._worded(given)
+            case Kind.PORTS:
+                return {port: self._deep(value) for port, value in given.items()}
             case Kind.LIST:
                 return nested.filled(given, self._value, self.words, lambda name: getattr(self.data, name))
             case Kind.NUMBER:
@@ -256,6 +258,12 @@ class Chart(Interpreter):
                         goal.instance = getattr(self.data, goal.instance)
                 return read
         return given
+
+    def _deep(self, given: Any) -> Any:
+        """A value in which every text is an expression."""
+        if isinstance(given, dict):
+            return {name: self._deep(value) for name, value in given.items()}
+        return [self._deep(value) for value in given] if isinstance(given, list) else self._value(given)
 
     def _worded(self, given: Any) -> Any:
         return nested.filled(given, self.words, self.words, self.words)

@@ -8,6 +8,7 @@ from engines.activities.base import Activity
 from engines.activities.behave import BehaveActivity
 from engines.activities.control import ControlActivity
 from engines.activities.execute import ExecuteActivity
+from engines.activities.node import NodeActivity
 from engines.activities.plan import PlanActivity
 from engines.activities.prompt import PromptActivity
 from engines.activities.retreat import RetreatActivity
@@ -19,4 +20,5 @@ ACTIVITIES: Mapping[str, type[Activity]] = {
     "retreat": RetreatActivity,
     "behave": BehaveActivity,
     "control": ControlActivity,
+    "node": NodeActivity,
 }

@@ -51,6 +51,10 @@ class Kind(Enum):
     """an expression: a variable's value, say"""
     GOALS = "goals"
     """a list of goals (handrail.messages.Goal); an instance in them is the name of a resource"""
+    NODE = "node"
+    """the name of a process node (docs/nodes.md)"""
+    PORTS = "ports"
+    """port → a value, in which every text is an expression"""
     KEY_FRAMES = "key frames"
     """a list of handrail.messages.KeyFrame"""
 
@@ -160,6 +164,11 @@ class Activity(ABC):
         self.services = context.services
         self.values = values
         self.cancelled = threading.Event()
+
+    @classmethod
+    def outputs_of(cls, given: Mapping[str, Any]) -> frozenset[str]:
+        """What `_event.data` has when it is done with these arguments, as the file gives them."""
+        return cls.outputs
 
     @classmethod
     def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:

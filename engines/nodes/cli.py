@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-import msgspec
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -17,7 +15,7 @@ from rich.table import Table
 from engines.nodes import library
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.node import Case, Node, load
-from engines.nodes.ports import PortError
+from engines.nodes.ports import PortError, plain
 
 app = typer.Typer(help="Process nodes.", no_args_is_help=True, add_completion=False)
 _out = Console()
@@ -112,7 +110,7 @@ def run(
     def told(outputs: dict[str, Any]) -> None:
         if left[0] > 0:
             left[0] -= 1
-            print(json.dumps({name: _plain(value) for name, value in outputs.items()}), flush=True)
+            print(json.dumps({name: plain(value) for name, value in outputs.items()}), flush=True)
         if not left[0]:
             done.set()
 
@@ -173,7 +171,3 @@ def _values(option: str, texts: list[str] | None) -> dict[str, Any]:
         except json.JSONDecodeError:
             found[name] = value
     return found
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else msgspec.to_builtins(value)

@@ -101,6 +101,11 @@ KINDS = {
 }
 
 
+def plain(value: Any) -> Any:
+    """A port's value as numbers, texts, lists and mappings."""
+    return value.tolist() if isinstance(value, np.ndarray) else msgspec.to_builtins(value)
+
+
 class PortError(ValueError):
     """A value that a port does not take, or one that is not there. Names node's port, value and expectation."""
 

@@ -26,7 +26,7 @@ from engines import deployment, library
 from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
 from engines.deployment import Deployed
-from engines.plan_making import make_edit, make_motion, make_plan
+from engines.plan_making import make_edit, make_motion, make_plan, rank_choices
 from engines.plans import PlanStore
 from engines.prompts import Prompts
 from engines.rehearsal import Rehearsal
@@ -86,6 +86,7 @@ class Engine:
             m.GetInstances: lambda call: m.Instances(instances=[each.state() for each in affordances.instances()]),
             m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
+            m.RankChoices: self._rank_choices,
             m.PlanMotion: self._plan_motion,
             m.EditPlan: self._edit_plan,
             m.ExecutePlan: self._execute_plan,
@@ -195,12 +196,23 @@ class Engine:
     def _make_plan(self, call: m.MakePlan) -> Future[m.PlanPreview]:
         def plan() -> m.PlanPreview:
             try:
-                return make_plan(self._services, call.instance, call.trajectory, call.arm, after=call.after)[1]
+                return make_plan(
+                    self._services, call.instance, call.trajectory, call.arm, arc=call.arc, after=call.after
+                )[1]
             except ActivityFailed as failed:
                 raise refuse(str(failed)) from failed
 
         self._services.affordances.get(call.instance)
         return _in_thread(plan, "plan")
+
+    def _rank_choices(self, call: m.RankChoices) -> Future[m.Choices]:
+        def rank() -> m.Choices:
+            try:
+                return rank_choices(self._services, call)
+            except ActivityFailed as failed:
+                raise refuse(str(failed)) from failed
+
+        return _in_thread(rank, "rank")
 
     def _plan_motion(self, call: m.PlanMotion) -> Future[m.PlanPreview]:
         def plan() -> m.PlanPreview:

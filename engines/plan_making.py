@@ -10,14 +10,17 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
+from affordance_templates.instance import Instance
 from engines.activities.base import ActivityFailed, Services
 from engines.freshness import Origin, World
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Cancelled, Infeasible, Plan
 from engines.plans import PlanRecord
-from handrail.messages import EditPlan, KeyFrame, PlanMotion, PlanPreview
+from handrail.messages import Choice, Choices, EditPlan, KeyFrame, PlanMotion, PlanPreview, RankChoices
 from handrail.topics import RefusedError
 
 _Asked = Callable[[], bool]
+_TRIES = 6
+"""choices of which one must lead to a plan"""
 
 
 def make_plan(
@@ -34,6 +37,7 @@ def make_plan(
 ) -> tuple[PlanRecord, PlanPreview]:
     """Plan a stroke, keep and show the plan.
 
+    :param arm: empty: the first for which there is a plan, in `rank`'s order
     :param arc: rad, the arc's centre that an earlier stroke chose; None to choose one
     :param entry_shift: rad, how much later than the earliest clear angle to enter
     :param run: id of the run that wants it
@@ -51,19 +55,88 @@ def make_plan(
             "refused",
             f"template {placed.template.name} has no trajectory {trajectory!r}; expected one of {', '.join(known)}",
         )
-    if arm not in services.description.arms:
-        raise ActivityFailed("refused", f"no arm {arm!r}; expected one of {', '.join(services.description.arms)}")
-    world = start_of(services, after)
-    with _telling(
-        f"no plan for {trajectory} at {instance} with the {arm} arm", f"can't plan {trajectory} at {instance}"
-    ):
-        plan = services.planner.plan(
-            placed, trajectory, arm, world.command, arc=arc, entry_shift=entry_shift, cancelled=cancelled
+    _check_arms(services, [arm] if arm else [])
+    world, others = start_of(services, after), _others(services, instance)
+    who = f"the {arm} arm" if arm else "any arm"
+    with _telling(f"no plan for {trajectory} at {instance} with {who}", f"can't plan {trajectory} at {instance}"):
+        tries: list[tuple[str, float | None]] = [(arm, arc)]
+        if not arm:
+            choices = services.planner.rank(
+                placed, world.command, trajectories=[trajectory], others=others, cancelled=cancelled
+            )
+            tries = [(choice.arm, choice.arc if arc is None else arc) for choice in choices[:_TRIES]]
+        plan = _first_plan(
+            lambda arm, arc: services.planner.plan(
+                placed,
+                trajectory,
+                arm,
+                world.command,
+                arc=arc,
+                entry_shift=entry_shift,
+                others=others,
+                cancelled=cancelled,
+            ),
+            tries,
         )
+    arm = plan.arm
     asked: dict[str, float | str] = {"instance": instance, "trajectory": trajectory, "arm": arm}
     asked |= {"entry_shift": entry_shift} | ({} if arc is None else {"arc": arc}) | ({"after": after} if after else {})
-    origin = Origin(world, services.description.joints, (placed,), asked, run)
+    origin = Origin(world, services.description.joints, (placed, *others), asked, run)
     return _kept(services, PlanRecord(plan, origin, placed, known[trajectory], after=after))
+
+
+def _first_plan(plan: Callable[[str, float | None], Plan], tries: Sequence[tuple[str, float | None]]) -> Plan:
+    """The first that there is. Raises Infeasible as the first try did, ValueError where nothing can be tried."""
+    if not tries:
+        raise ValueError("arm: got any; expected a robot that has one")
+    first: Infeasible | None = None
+    for arm, arc in tries:
+        try:
+            return plan(arm, arc)
+        except Infeasible as problem:
+            first = first or problem
+    assert first is not None
+    raise first
+
+
+def _check_arms(services: Services, arms: Sequence[str]) -> None:
+    for arm in arms:
+        if arm not in services.description.arms:
+            raise ActivityFailed("refused", f"no arm {arm!r}; expected one of {', '.join(services.description.arms)}")
+
+
+def _others(services: Services, instance: str) -> list[Instance]:
+    return [each for each in services.affordances.instances() if each.name != instance]
+
+
+def rank_choices(services: Services, call: RankChoices, *, cancelled: _Asked | None = None) -> Choices:
+    """Ways to do a behaviour, the best first. Raises ActivityFailed as `make_plan` does."""
+    try:
+        placed = services.affordances.get(call.instance)
+    except RefusedError as refused:
+        raise ActivityFailed("refused", str(refused)) from refused
+    _check_arms(services, call.arms)
+    world = start_of(services, call.after)
+    with _telling("no choice", f"can't rank choices at {call.instance}"):
+        found = services.planner.rank(
+            placed, world.command, trajectories=[call.trajectory] if call.trajectory else [], arms=call.arms,
+            others=_others(services, call.instance), cancelled=cancelled,
+        )  # fmt: skip
+    arms = services.description.arms
+    return Choices(
+        choices=[
+            Choice(
+                trajectory=each.trajectory,
+                arm=each.arm,
+                arc=each.arc,
+                share=round(each.share, 3),
+                cost=round(each.cost, 3),
+                lacks=each.lacks,
+                joints=dict(zip(arms[each.arm].joints, each.posture.round(4).tolist(), strict=True)),
+            )
+            for each in found
+        ]
+    )
 
 
 def make_motion(

@@ -30,6 +30,7 @@ from engines.motion import Motion
 from engines.plans import PlanRecord, PlanStore
 from engines.program import State
 from engines.prompts import Prompts
+from engines.run_clock import RunClock
 from engines.statechart import Chart
 from handrail.behaviour_file import BehaviourFile, Robot
 from handrail.messages import (
@@ -180,14 +181,17 @@ class Rehearsal:
         motion = cast(Motion, _Motion(stage, self.services.description))
         context = Context(services, f"rehearsal-{uuid.uuid4().hex[:8]}", motion, 0.0)
         program = self.deployed.program
-        chart = Chart(program, self.deployed.names(), lambda state, values: self._activity(context, state, values))
+        clock = RunClock()
+        chart = Chart(
+            program, self.deployed.names(), lambda state, values: self._activity(context, state, values), clock=clock
+        )
         chart.begin()
         stopped = False
         while (end := chart.ended) is False:
             if not stopped and (self._failed or self.cancelled.is_set() or self._made >= MOST_STEPS):
                 chart.stop()
                 stopped = True
-            if not chart.step(_IDLE_S) and not self._busy:
+            if not chart.step(_IDLE_S) and not self._busy and not clock.skip():
                 chart.stop()
                 stopped = True
                 self._failed = " / ".join(chart.active()) or program.name

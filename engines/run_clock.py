@@ -35,6 +35,15 @@ class RunClock:
         for call in ready:
             call()
 
+    def skip(self) -> bool:
+        """Let the time go by until what is due next, and call it. False when nothing is."""
+        with self._lock:
+            if not self._due:
+                return False
+            self._elapsed, _, call = heapq.heappop(self._due)
+        call()
+        return True
+
     def after(self, seconds: float, call: Callable[[], None]) -> Callable[[], None]:
         """Have `call` called once so much of the run's time is over. Returns what takes it back."""
         with self._lock:

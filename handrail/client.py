@@ -33,6 +33,7 @@ from handrail.link.session import Session
 from handrail.messages import (
     AnswerPrompt,
     CheckTask,
+    Choice,
     ClearStop,
     CommandGripper,
     DaemonStatus,
@@ -60,6 +61,7 @@ from handrail.messages import (
     PlanMotion,
     PlanPreview,
     Pose,
+    RankChoices,
     RemoveInstance,
     ResumeRun,
     RobotInfo,
@@ -226,12 +228,21 @@ class Client:
         return self.call(GetInstances()).instances
 
     def plan(
-        self, instance: str, trajectory: str, arm: str = "right", *, after: str = "", timeout_s: float | None = None
-    ) -> PlanPreview:
+        self, instance: str, trajectory: str, arm: str = "right", *, arc: float | None = None, after: str = "",
+        timeout_s: float | None = None,
+    ) -> PlanPreview:  # fmt: skip
         """Plan a template's trajectory from where the robot is now, or from where a plan ends. Refused, with the reason, when
         infeasible.
         """
-        return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm, after=after), timeout_s)
+        return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, after=after), timeout_s)
+
+    def rank_choices(
+        self, instance: str, trajectory: str = "", arms: Sequence[str] = (), *, after: str = "",
+        timeout_s: float | None = 30.0,
+    ) -> list[Choice]:  # fmt: skip
+        """Which arm and place around the joint can do how much of a behaviour at an instance, the best first."""
+        call = RankChoices(instance=instance, trajectory=trajectory, arms=list(arms), after=after)
+        return self.call(call, timeout_s).choices
 
     def plan_motion(
         self, goals: Sequence[Goal], arm: str = "", *, timeout_s: float | None = None, **more: Any

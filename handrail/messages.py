@@ -1489,9 +1489,49 @@ class MakePlan(Message):
 
     instance: Name
     trajectory: Name
-    arm: Name = "right"
+    arm: str = "right"
+    """empty: the first for which there is a plan, in the order of RankChoices, and there the place around the joint"""
+    arc: float | None = None
+    """rad, place around the template's joint of the arc's centre (a Choice's); none: the planner's choice"""
     after: str = ""
     """id of a plan: from where it ends; empty: from where the robot is commanded now"""
+
+
+@_travels(priority=1, remote=True)
+class RankChoices(Message):
+    """Which arm, trajectory and place around the joint can do how much of a behaviour at an instance. The best comes first."""
+
+    instance: Name
+    trajectory: str = ""
+    """empty: all of the template's"""
+    arms: list[Name] = []
+    """none: all"""
+    after: str = ""
+    """id of a plan: from where it ends; empty: from where the robot is commanded now"""
+
+
+class Choice(msgspec.Struct, kw_only=True):
+    """One way to do a behaviour."""
+
+    trajectory: str
+    arm: str
+    arc: float | None
+    """rad about the template's joint, the arc's centre; none: the trajectory has no arc"""
+    share: float
+    """of the tool's goals over the whole arc, at every depth, that are reached, strong enough, and clear; from 0 to 1"""
+    cost: float
+    """rad, the arm's way from where it is to where the behaviour begins"""
+    lacks: str = ""
+    """what most of the rest misses"""
+    joints: dict[str, float] = {}
+    """rad, the arm where the behaviour begins"""
+
+
+class Choices(Message):
+    """Answer to RankChoices."""
+
+    choices: list[Choice]
+    """by share, then by cost"""
 
 
 # A goal of a motion: what must hold where it ends (or at a key frame, or along all of it). Lengths m, angles rad. It is said in the
@@ -1870,6 +1910,7 @@ SetParameters.Reply = InstanceState
 GetInstances.Reply = Instances
 GetPlan.Reply = PlanPreview
 MakePlan.Reply = PlanPreview
+RankChoices.Reply = Choices
 PlanMotion.Reply = PlanPreview
 EditPlan.Reply = PlanPreview
 ListLibrary.Reply = Library
@@ -1889,6 +1930,7 @@ EngineCall = (
     | GetInstances
     | GetPlan
     | MakePlan
+    | RankChoices
     | PlanMotion
     | EditPlan
     | ExecutePlan
@@ -1964,6 +2006,7 @@ Answer = (
     | InstanceState
     | Instances
     | PlanPreview
+    | Choices
     | Library
     | Deployment
     | TaskCheck

@@ -21,6 +21,7 @@ from handrail.messages import Goal, KeyFrame, PlanMotion
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
+    from engines.planning.behaviour import Choice
     from engines.planning.plan import Plan
 
 
@@ -102,9 +103,21 @@ class Planner(Protocol):
         *,
         arc: float | None = None,
         entry_shift: float = 0.0,
+        others: Sequence[Instance] = (),
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...
+
+    def rank(
+        self,
+        instance: Instance,
+        position: np.ndarray,
+        *,
+        trajectories: Sequence[str] = (),
+        arms: Sequence[str] = (),
+        others: Sequence[Instance] = (),
+        cancelled: Callable[[], bool] | None = None,
+    ) -> list[Choice]: ...
 
     def motion(
         self,

@@ -44,6 +44,10 @@ class Assessor:
         """rad, the smallest distance of (k, m) to a joint's limit."""
         return float(np.minimum(q - self._lower, self._upper - q).min())
 
+    def limit_room(self, q: Array) -> Array:
+        """(k,) rad, the distance of each of (k, m) to its nearest joint limit."""
+        return np.asarray(np.minimum(q - self._lower, self._upper - q).min(axis=1))
+
     def static(self, q: Array, forces: Array) -> dict[Constraint, float]:
         """The arm's worst torque (share of the limit) and manipulability at (k, m), `forces` (k, 3) N acting on the tip."""
         torque, manipulability = 0.0, np.inf

@@ -45,6 +45,26 @@ class Branch:
     """the constraint that is missed most, None when all are kept"""
 
 
+@dataclass(frozen=True)
+class Probes:
+    """Goals of the tool over an arc at every depth, k of them, and an arm's postures there."""
+
+    q: Array
+    """(k, m) rad"""
+    residual: Array
+    """(k,) m"""
+    tilt: Array
+    """(k,) rad"""
+    step: Array
+    """(k,) rad, the joints' largest from the goal before, or from the same angle's contact"""
+    angles: Array
+    """(k,) rad about the template's joint"""
+    depth: NDArray[np.int64]
+    """(k,) which station of the visit; 0: the contact"""
+    begin: Array
+    """(m,) rad, at the standoff by the arc's beginning"""
+
+
 def expected_force(visit: Visit) -> float:
     """N that the object is expected to resist with along its joint."""
     limits = [w.path_force[1] for w in visit.trajectory.waypoints if w.path_force is not None]
@@ -59,7 +79,7 @@ class BranchSearch:
 
     def ranked(self, arcs: Array, starts: Array) -> list[Branch]:
         """Branches, best first. Raises Cancelled."""
-        middles = [self._middle(arc, start) for arc in arcs for start in starts]
+        middles = [self.middle(arc, start) for arc in arcs for start in starts]
         middles.sort(key=lambda branch: -branch.merit)
         if middles[0].merit < 0.0:
             return middles[:1]
@@ -77,7 +97,7 @@ class BranchSearch:
         if self._cancelled():
             raise Cancelled("planning was cancelled")
 
-    def _middle(self, arc: float, start: Array) -> Branch:
+    def middle(self, arc: float, start: Array) -> Branch:
         """The branch judged by its posture at the arc's centre alone: no worse than the whole of it."""
         self._check()
         reach = self._solver.solve(start, *self._visit.tip(self._visit.contact, arc), start)
@@ -107,6 +127,25 @@ class BranchSearch:
         merit = constraints.merit(measures)
         failure = constraints.worst(measures, "over the arc", detail)
         return Branch(middle.arc, middle.posture, middle.contact, merit, failure)
+
+    def probes(self, middle: Branch) -> Probes:
+        """The tool's goals of the whole behaviour, and the postures of a branch at them."""
+        contact, deeper, angles = self._probes(middle)
+        stations = [contact, *deeper]
+        q = np.array([reach.q for reach in stations])
+        step = np.zeros(q.shape[:2])
+        step[0, 1:] = np.abs(np.diff(contact.q, axis=0)).max(axis=1, initial=0.0)
+        step[1:] = np.abs(q[1:] - q[0]).max(axis=2)
+        begin = next(k for k, one in enumerate(self._visit.stations) if one.name == self._visit.standoff.name)
+        return Probes(
+            q.reshape(-1, q.shape[2]),
+            np.concatenate([reach.residual for reach in stations]),
+            np.concatenate([reach.tilt for reach in stations]),
+            step.reshape(-1),
+            np.tile(angles, len(stations)),
+            np.repeat(np.arange(len(stations)), len(angles)),
+            q[begin, 0],
+        )
 
     def _measured(self, middle: Branch) -> Iterator[tuple[dict[Constraint, float], dict[Constraint, str]]]:
         contact, deeper, angles = self._probes(middle)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.assessment import Assessor
+from engines.planning.behaviour import BehaviourSearch, Choice, ranked
 from engines.planning.collision import MARGINS, CollisionScene
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.margins import Margins
@@ -20,9 +21,9 @@ from engines.planning.obstacles import obstacles_of
 from engines.planning.path import Leg
 from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Plan, Segment
-from engines.planning.stroke import Stroke
+from engines.planning.stroke import ARCS, STARTS, Stroke
 from engines.planning.timing import Limits, parametrise
-from engines.planning.tip_solver import TipSolver
+from engines.planning.tip_solver import TipSolver, starts
 from engines.planning.verifier import verify
 from engines.planning.visit import Visit
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
@@ -105,6 +106,36 @@ class ManipulationPlanner:
             plan = self._timed(legs, instance, visit, side, assessor, outputs, position)
             self._verify(plan, legs, scene, assessor, position)
             return replace(plan, made_from={**plan.made_from, **{other.name: other.version for other in others}})
+
+    def rank(
+        self,
+        instance: Instance,
+        position: Array,
+        *,
+        trajectories: Sequence[str] = (),
+        arms: Sequence[str] = (),
+        others: Sequence[Instance] = (),
+        cancelled: Callable[[], bool] | None = None,
+    ) -> list[Choice]:
+        """Choices for a behaviour at an instance, the best first: arms, trajectories (none: all), places around the joint.
+
+        Cancelled and ValueError as for `plan`.
+        """
+        position, never = self._position(position), cancelled or _never
+        found: list[Choice] = []
+        with self._lock:
+            others = [other for other in others if other.name != instance.name]
+            around = [solid for one in (instance, *others) for solid in obstacles_of(one)]
+            for arm in arms or self._description.arms:
+                side, solver = self._arm(arm), self._solvers[arm]
+                scene = CollisionScene(self._mechanism, self._description, side, around, instance.name)
+                assessor = Assessor(self._kinematics, side, scene, position)
+                near = [self._home[assessor.rows], assessor.start]
+                postures = starts(near, solver.lower, solver.upper, STARTS)
+                for trajectory in trajectories or instance.resolve().trajectories:
+                    visit = Visit(instance, trajectory)
+                    found += BehaviourSearch(visit, solver, assessor, never).choices(visit.arc_centres(ARCS), postures)
+        return ranked(found)
 
     def _verify(self, plan: Plan, legs: list[Leg], scene: CollisionScene, assessor: Assessor, position: Array) -> None:
         """Raises Infeasible where a look at the finished plan finds anything that it misses."""

@@ -30,7 +30,7 @@ class Planners:
         self._description = description
         self._kinematics = Kinematics(description)
         self._strokes = ManipulationPlanner(description, self._kinematics)
-        self.plan = self._strokes.plan
+        self.plan, self.rank = self._strokes.plan, self._strokes.rank
         self._motions: MotionPlanner | None = None
         self._making = threading.Lock()
 

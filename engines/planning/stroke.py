@@ -16,7 +16,7 @@ from engines.planning.visit import Visit
 
 Array = NDArray[np.float64]
 
-_ARCS, _STARTS, _TRIES = 8, 10, 4
+ARCS, STARTS, _TRIES = 8, 10, 4
 """arc centres around the joint, postures to start from at each, branches to build a way on before giving up"""
 _BESIDE = 0.02
 """m: so close to the circle on which the trajectory runs the tool counts as being at the object"""
@@ -57,9 +57,9 @@ class Stroke:
         solver, start = self._solver, self._assessor.start
         # A first stroke looks for the best posture, a later one for the one that the arm is in.
         near = [self._home, start] if arc is None else [start, self._home]
-        arcs = self._visit.arc_centres(_ARCS) if arc is None else np.array([arc])
+        arcs = self._visit.arc_centres(ARCS) if arc is None else np.array([arc])
         search = BranchSearch(self._visit, solver, self._assessor, self._cancelled)
-        for branch in search.ranked(arcs, starts(near, solver.lower, solver.upper, _STARTS))[:_TRIES]:
+        for branch in search.ranked(arcs, starts(near, solver.lower, solver.upper, STARTS))[:_TRIES]:
             yield lambda branch=branch: self._in_from_afar(branch, entry_shift)  # type: ignore[misc]
 
     def _beside(self, arc: float) -> float | None:

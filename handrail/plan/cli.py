@@ -68,14 +68,34 @@ def list_(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
 def make(
     instance: Annotated[str, typer.Argument(help="A template's instance.")],
     trajectory: Annotated[str, typer.Argument(help="A trajectory of its template.")],
-    arm: Annotated[str, typer.Option(help="Which arm.")] = "right",
+    arm: Annotated[
+        str, typer.Option(help="Which arm; 'any': the first that can, in the order of `choices`.")
+    ] = "right",
+    arc: Annotated[float | None, typer.Option(help="rad around the joint, of `choices`; none: the planner's.")] = None,
     connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Plan a template's trajectory from where the robot is now, and show it. Nothing moves."""
     with _robot(connect_to, keys) as robot:
-        plan = robot.plan(instance, trajectory, arm)
+        plan = robot.plan(instance, trajectory, "" if arm == "any" else arm, arc=arc)
         _show(robot.get_plan(plan.id, details=True))
+
+
+@app.command()
+def choices(
+    instance: Annotated[str, typer.Argument(help="A template's instance.")],
+    trajectory: Annotated[str, typer.Argument(help="A trajectory of its template; none: all.")] = "",
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Rank arms and places around the joint by how much of a behaviour they can do, then by how far the arm has to go."""
+    with _robot(connect_to, keys) as robot:
+        found = robot.rank_choices(instance, trajectory)
+    table = Table("trajectory", "arm", "arc", "feasible", "way", "lacks", box=None)
+    for each in found:
+        arc = "" if each.arc is None else f"{each.arc:.2f} rad"
+        table.add_row(each.trajectory, each.arm, arc, f"{each.share:.0%}", f"{each.cost:.2f} rad", each.lacks)
+    _out.print(table)
 
 
 @app.command(context_settings=_NUMBERS)

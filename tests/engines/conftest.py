@@ -18,6 +18,7 @@ import pytest
 
 from daemon.serving.leases import Leases
 from engines.engine import Engine
+from engines.planning.behaviour import Choice
 from engines.planning.measures import CLEARANCE, Measure
 from engines.planning.plan import Infeasible, Plan, Segment
 from handrail import messages as m
@@ -221,15 +222,34 @@ class FakePlanner:
     def __init__(self) -> None:
         self.asked: list[dict[str, Any]] = []
         self.infeasible = False
+        self.cannot: set[tuple[str, float | None]] = set()
+        """arms and arcs for which there is no plan"""
         self.infeasible_from = 10**6
         """which plan, counted from 0, is the first that there is none of"""
         self.pace = threading.Event()
         self.pace.set()
 
     def plan(
-        self, instance, trajectory, arm, position, *, arc=None, entry_shift=0.0, cancelled=None, progress=None
+        self,
+        instance,
+        trajectory,
+        arm,
+        position,
+        *,
+        arc=None,
+        entry_shift=0.0,
+        others=(),
+        cancelled=None,
+        progress=None,
     ) -> Plan:
-        self.asked.append({"arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance})
+        self.asked.append(
+            {
+                "arm": arm, "arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance,
+                "others": [each.name for each in others],
+            }
+        )  # fmt: skip
+        if (arm, arc) in self.cannot:
+            raise Infeasible("elbow limit", 0.12, "rad")
         assert self.pace.wait(20)
         if self.infeasible or len(self.asked) > self.infeasible_from:
             raise Infeasible("elbow limit", 0.12, "rad")
@@ -270,6 +290,15 @@ class FakePlanner:
             0.2,
             outputs,
         )
+
+    def rank(self, instance, position, *, trajectories=(), arms=(), others=(), cancelled=None) -> list[Choice]:
+        """Left can do all of it at 0.5, right at 1.5, and a part at 2.5."""
+        choices = [("left", 0.5, 1.0, 0.2, ""), ("right", 1.5, 1.0, 0.7, ""), ("right", 2.5, 0.25, 0.1, "reach")]
+        return [
+            Choice((trajectories or ["turn"])[0], arm, arc, share, cost, lacks, np.array([0.1, -0.2]))
+            for arm, arc, share, cost, lacks in choices
+            if arm in (arms or ("left", "right"))
+        ]
 
     def motion(self, call, instances, position, *, seeds=(), cancelled=None, progress=None) -> Plan:
         """To where the first goal has the joints."""

@@ -18,6 +18,12 @@ states:
   one: {transitions: [{event: never, target: two}, {event: error.execution, target: two}]}
   two: {final: true, outcome: failed}
 """
+WAITS = """\
+title: Wait, then go on
+states:
+  one: {transitions: [{after: 3600, target: two}]}
+  two: {final: true, outcome: succeeded, detail: waited}
+"""
 ASKS = """\
 title: Ask on and on
 states:
@@ -117,3 +123,9 @@ def test_a_program_is_checked_without_anything_that_runs_and_the_first_infeasibl
     assert "not feasible: planning: no plan for turn at valve with the right arm" in bad.output
     nowhere = CliRunner().invoke(cli.app, [*asked, "--scene", "vavle"])
     assert nowhere.exit_code == 1 and "expected a file, or one of empty, valve" in nowhere.output
+
+
+def test_time_that_a_task_waits_for_goes_by_at_once(stack, deploy, monkeypatch):
+    monkeypatch.setattr(rehearsal, "_IDLE_S", 0.1)
+    found = stack.call(m.CheckTask(deployment=deploy(WAITS)))
+    assert found.feasible and found.detail == "waited"

@@ -9,9 +9,11 @@ from daemon.controllers.base import Ended
 from daemon.controllers.manager import ControllerManager
 from daemon.devices import Devices
 from daemon.exchange import Answer, Flag, Outcome, Rule
+from daemon.safety.balance import PATIENCE, BalanceWatch
 from daemon.safety.keepalive import Keepalives, Stage
 from daemon.safety.ledger import GUARDS, Ledger
 from daemon.safety.rules import isolated_with
+from daemon.state.base_state import BaseSource
 from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand
 from handrail.robot.description import RobotDescription
@@ -19,6 +21,10 @@ from handrail.robot.description import RobotDescription
 ENABLING_TIME = 2.0
 """s of robot time after which drives that do not come to operation are given up"""
 
+_LIES, _SINKS = 0.2, 3.0
+"""rad/s below which every joint of a robot that fell lies still; s that it is given for that"""
+
+_UNKNOWN, _HANGS = int(BaseSource.NONE), int(BaseSource.STILL)
 _ENABLED, _STOPPED, _ENABLING, _ISOLATED = (
     int(flag) for flag in (Flag.ENABLED, Flag.STOPPED, Flag.ENABLING, Flag.ISOLATED)
 )
@@ -40,6 +46,9 @@ class Life:
         self._most_misses = description.stop_after_misses
         self._limb = description.limb_of_joint
         self._enabling_for = -1
+        self._balance, self._period = BalanceWatch(manager.robot.period), manager.robot.period
+        self._falling_for = -1
+        """cycles since the robot fell, while it is damped"""
         self.stopped = False
         self.stop_reason = ""
         self._isolated = False
@@ -134,9 +143,15 @@ class Life:
                 self.ledger.trip(Rule.PROTOCOL, stranger, holds=True)
                 self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, stranger)
             elif (lost := hardware.first_lost()) >= 0:
-                self._lose(lost, last)
+                if self._falling_for >= 0:  # the rest would be held, stiffly
+                    self.ledger.trip(Rule.DRIVE_FAULT, lost, holds=True)
+                    self._fall_to(Goal.QUICK_STOP, Outcome.BALANCE_LOST)
+                else:
+                    self._lose(lost, last)
             elif self._isolated and self._enabling_for >= 0:
                 self._take_back()
+            if self._manager.enabled:
+                self._watch_balance(last)
         elif self._enabling_for >= 0:
             self._enabling_for += 1
             wrong = max(hardware.first_stranger(), hardware.first_unknown())
@@ -151,10 +166,28 @@ class Life:
                     hardware.goal = Goal.OPERATIONAL
             elif hardware.operational:
                 self._manager.enable()
-                self.ledger.release(Rule.NO_COMMAND, Rule.PROTOCOL, Rule.DRIVE_FAULT, *GUARDS)
+                self.ledger.release(Rule.NO_COMMAND, Rule.PROTOCOL, Rule.DRIVE_FAULT, Rule.BALANCE, *GUARDS)
                 self._release_keepalive()
                 self._devices.enable()
                 self._enabling_for = -1
+
+    def _watch_balance(self, last: JointCommand) -> None:
+        """Damp a robot that falls, and stop its drives once it lies."""
+        robot = self._manager.robot
+        if robot.stance is None:
+            return
+        if self._falling_for >= 0:
+            self._falling_for += 1
+            passed = self._falling_for * self._period
+            if passed > _SINKS or (passed > PATIENCE and np.abs(robot.joints.velocity).max() < _LIES):
+                self._fall_to(Goal.QUICK_STOP, Outcome.BALANCE_LOST)
+            return
+        source = robot.base.source[0]
+        if no := self._balance.update(robot.stance, known=source != _UNKNOWN, hangs=source == _HANGS):
+            self.ledger.trip(no.rule, no.joint, no.value, no.limit, holds=True)
+            self._actions.end_all(Outcome.BALANCE_LOST)
+            self._manager.damp(last, Ended(Outcome.BALANCE_LOST))
+            self._falling_for = 0
 
     def keep_alive(self, owner: int, time_ns: int) -> Refusal | None:
         """`owner` has answered his keepalive."""
@@ -224,7 +257,8 @@ class Life:
 
     def _fall_to(self, goal: Goal, outcome: Outcome, joint: int = -1) -> None:
         self._hardware.goal = goal
-        self._enabling_for = -1
+        self._enabling_for = self._falling_for = -1
+        self._balance.forget()
         if self._isolated:
             self._isolated = False
             self._hardware.isolate(np.zeros_like(self._hardware.isolated))

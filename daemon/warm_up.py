@@ -33,6 +33,8 @@ def warm_up(kinematics: Kinematics) -> None:
         devices.age[:] = age
         robot.estimate_base(0)
         robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
+    if robot.stance is not None:
+        robot.stance.update(kinematics.configuration(state.position), np.zeros(kinematics.model.nv))
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     for integral in (None, OuterIntegral(IntegralGains(*np.zeros((4, n))), limits.period)):
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)

@@ -42,6 +42,7 @@ _REASONS = {
     "diverged": "the robot left its command",
     "stale_state": "a joint was not measured for too long",
     "too_close": "the guard stopped it before bodies met, or a region (handrail safety explain)",
+    "balance_lost": "the robot fell (handrail safety explain)",
     "cancelled": "it was cancelled",
 }
 _LISTEN_S, _STREAM_S = 0.5, 0.05

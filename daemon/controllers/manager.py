@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daemon.controllers.base import Array, Controller, Ended, Gains, rows_of
 from daemon.controllers.brake import Brake
+from daemon.controllers.damp import Damp
 from daemon.controllers.hold import Hold
 from daemon.controllers.references import faded
 from daemon.exchange import CONTROLLERS, Outcome, Rule
@@ -125,6 +126,11 @@ class ControllerManager:
         self.fresh = joints.copy()  # no command follows theirs
         self.switch(self.active, [], last)
 
+    def damp(self, last: JointCommand, why: Ended) -> None:
+        """Take every claim away, and damp what is not isolated."""
+        self._note(self.active, why)
+        self.switch(self.active, [Damp(np.flatnonzero(~self.isolated), self.gains)], last)
+
     def rejoin(self) -> None:
         """Hold the isolated joints where they are measured: their drives have just come back to life. The others notice nothing."""
         back, claims = self.isolated.copy(), self.claims.copy()
@@ -218,12 +224,12 @@ class ControllerManager:
         """Have whoever moves one of `joints` (rows) replaced by a brake of `duration` s from `position`,
         `velocity` (n,) rad, rad/s, run into `command`.
 
-        None where they are all held, or brake already.
+        None where they are all held or damped, or brake already.
         """
         moving = [
             c
             for c in self.active
-            if c.onto is None and not isinstance(c, Hold | Brake) and np.isin(c.joints, joints).any()
+            if c.onto is None and not isinstance(c, Hold | Brake | Damp) and np.isin(c.joints, joints).any()
         ]
         if not moving:
             return None

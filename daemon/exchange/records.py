@@ -74,6 +74,8 @@ class Outcome(enum.IntEnum):
     """bodies came so near to each other, or to a region, that there was just room to brake; `detail` names them"""
     STREAM_LOST = 15
     """nothing had been streamed to it for `value` s"""
+    BALANCE_LOST = 16
+    """the robot fell"""
 
 
 class ControllerState(enum.IntEnum):
@@ -203,27 +205,29 @@ class Rule(enum.IntEnum):
     """the drive of `joint` speaks another version of its protocol"""
     DRIVE_FAULT = 4
     """the drive of `joint` left operation enabled, or is silent"""
-    SELF_COLLISION = 5
+    BALANCE = 5
+    """its capture point was `value` m outside the feet that hold; infinite: none does, or nobody knows"""
+    SELF_COLLISION = 6
     """the link of row `joint` in `frame_names` was `value` m from that of row `other`"""
-    WORKSPACE = 6
+    WORKSPACE = 7
     """the link of row `joint` in `frame_names` was `value` m from region `other` of the robot's file"""
-    NOT_FINITE = 7
+    NOT_FINITE = 8
     """a controller's set-point of `joint` was no finite number"""
-    HELD_BACK = 8
+    HELD_BACK = 9
     """the limits held `joint` back by `value` rad"""
-    STALE = 9
+    STALE = 10
     """the state of `joint` was `value` cycles old"""
-    DIVERGED = 10
+    DIVERGED = 11
     """`joint` was `value` rad from its command"""
-    OWNER_LOST = 11
-    EXPIRED = 12
+    OWNER_LOST = 12
+    EXPIRED = 13
     """a command came `value` s after it expired"""
-    POSITION = 13
+    POSITION = 14
     """these cut set-points, and nothing else: `value` was asked for, `limit` allowed"""
-    VELOCITY = 14
-    TORQUE = 15
-    TORQUE_RATE = 16
-    GAIN = 17
+    VELOCITY = 15
+    TORQUE = 16
+    TORQUE_RATE = 17
+    GAIN = 18
 
 
 CONTROLLERS = (
@@ -237,6 +241,7 @@ CONTROLLERS = (
     "brake",
     "joint_stream",
     "joint_target",
+    "damp",
 )
 """Names of the codes in the snapshot's `claims`; 0: nobody commands this."""
 LOADED_CODE = 64

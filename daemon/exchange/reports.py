@@ -92,6 +92,7 @@ def how_it_went(change: np.ndarray | np.void, joints: Sequence[str]) -> str:
         "and switch it on again",
         Outcome.TOO_CLOSE: "bodies came too near to each other, or to a region (handrail safety explain): enable the robot, which "
         "acknowledges it, and switch it on again",
+        Outcome.BALANCE_LOST: "the robot fell (handrail safety explain): stand it up, enable it, and switch it on again",
         Outcome.DIVERGED: f"{joint} was {value:.3f} rad from its command: see what holds the joint, and switch it on again",
         Outcome.CONTROLLER_ERROR: "the controller whose references it commands was taken out of service: see to that one, and "
         "switch both on again",

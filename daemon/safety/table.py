@@ -62,6 +62,13 @@ TABLE: dict[Rule, Words] = {
         "now; loaded controllers that it ended (`handrail controllers list` says which) come back by `handrail controllers switch`",
         "the drive of {joint}",
     ),
+    Rule.BALANCE: Words(
+        "a robot that stood on its own feet falls: for 0.1 s its capture point (centre of mass and where its speed carries it) is "
+        "more than 5 cm outside the feet that hold, or no foot holds, or nobody knows where its base is",
+        "every joint is damped in that cycle, none held; all actions end. Once it lies, or after 3 s, every drive quick-stops",
+        "stand it up, then enable",
+        "the capture point was {value:.3f} m outside the feet; allowed {limit:g}",
+    ),
     Rule.SELF_COLLISION: Words(
         "two bodies of the robot would come nearer to each other than `guard.margin` (robot.yaml) if it braked after this cycle",
         _BRAKES,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection
 from typing import NamedTuple
 
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 
 from daemon.state.base_state import BaseSource, BaseState, Trouble
 from daemon.state.estimator import BaseEstimator, can_estimate
+from daemon.state.invariant_filter import GRAVITY
 from daemon.state.observer import ExternalWrenches
+from daemon.state.stance import Stance
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
 from handrail.robot.kinematics import Kinematics
@@ -43,11 +46,15 @@ class RobotState:
     """The robot as measured (`joints`) and as commanded, with pinocchio's answers about both.
 
     Gravity and forward kinematics are computed when somebody asks for them, once a cycle. Arrays have one row a joint in the
-    description's order, frames are seen from the base (`base_link`), which on a fixed one is the world.
+    description's order, frames are seen from the base (`base_link`), which on a fixed one is the world. Where it is not fixed,
+    gravity is turned as the base is estimated to be, and what the feet bear is no joint's to carry.
     """
 
     def __init__(self, kinematics: Kinematics, joints: JointState, period: float, devices: DeviceState | None = None):
         """`devices`: what the robot's sensors tell; None: nothing."""
+        if kinematics.description.base == "free":  # whose model's gravity turns with its base
+            kinematics = copy.copy(kinematics)
+            kinematics.model = kinematics.model.copy()
         self.kinematics = kinematics
         self.joints = joints
         self.period = period
@@ -64,11 +71,14 @@ class RobotState:
         self.wrenches = self._outside.wrenches
         """frame → (6,) N, N·m about its origin, world axes: what something outside exerts there; see `estimate_forces`"""
         self._estimator: BaseEstimator | None = None
+        self.stance: Stance | None = None
+        """how it stands, as of the last `estimate_base`; None: its base is fixed, or nobody can tell where it is"""
         self.base = BaseState()
         """where the base is in the world, as of the last `estimate_base`"""
         if devices is not None and can_estimate(kinematics.description):
             self._estimator = BaseEstimator(kinematics, joints, devices, period)
             self.base = self._estimator.state
+            self.stance = Stance(kinematics, self.base, period)
         elif kinematics.description.base == "free":
             self.base.source[0], self.base.trouble[0] = BaseSource.NONE, Trouble.NO_SENSORS
         self._model = kinematics.model
@@ -91,13 +101,21 @@ class RobotState:
         """N·m (n,), at the measured position; the next cycle overwrites it."""
         if not self._gravity_fresh:
             pin.computeGeneralizedGravity(self._model, self._measured, self._q).take(self._rows, out=self._gravity)
+            if self.stance is not None and self.base.source[0] == BaseSource.FEET:
+                self.stance.relieve(self._gravity)
             self._gravity_fresh = True
         return self._gravity
 
     def estimate_base(self, time_ns: int) -> None:
         """Update `base`, where it is not fixed. time_ns: the robot's clock."""
-        if self._estimator is not None:
-            self._estimator.update(time_ns)
+        if self._estimator is None:
+            return
+        self._estimator.update(time_ns)
+        if self.stance is not None and self.base.source[0] != BaseSource.NONE:
+            x, y, z, w = self.base.pose[3:].tolist()
+            down = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+            self._model.gravity.linear = -GRAVITY * down
+            self.stance.update(self._q, self._v)
 
     def frame(self, name: str) -> FramePose:
         """A frame where it is measured to be."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.exchange import ActionState, Answer, Outcome
+from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
+from hal.hardware import Goal
 from handrail.messages import WholeBody
 
 
@@ -42,3 +43,22 @@ def test_it_does_not_begin_to_stand_on_a_foot_that_does_not_hold(standing) -> No
     bench.loop.robot.estimate_base = lambda _: None  # as if the foot hung
     assert bench.begin(WholeBody(compound="stand")) is Answer.NOT_ACTIVATED
     assert bench.action()[1] is Outcome.NONE
+
+
+def test_held_alone_it_stands_and_pushed_too_hard_it_falls_damped_and_stops_once_it_lies(standing) -> None:
+    bench = standing()
+    bench.run(400)
+    assert bench.tilt() < np.radians(2.0)
+    assert np.abs(bench.loop.written.position - bench.world.position).max() < 0.02, "no joint sags under the weight"
+    bench.shove((300.0, 0.0, 0.0))
+    for _ in range(500):
+        bench.run()
+        if bench.snapshot()["safety"][Rule.BALANCE]["times"]:
+            break
+    assert bench.snapshot()["safety"][Rule.BALANCE]["holds"]
+    assert bench.tilt() < np.radians(20.0), "it is said while the robot still falls"
+    assert not bench.loop.written.stiffness.any()
+    bench.run(750)
+    assert bench.tilt() > np.radians(45.0)
+    assert not bench.snapshot()["flags"] & Flag.ENABLED
+    assert bench.loop.hardware.goal is Goal.QUICK_STOP

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from daemon import cli
 from daemon.exchange import ActionState, Answer, Flag, Outcome, Rule
 from daemon.safety import rules
+from daemon.safety.balance import PATIENCE
 from daemon.safety.bounds import DIVERGED, STALE
 from daemon.safety.report import safety_report
 from daemon.safety.rules import Followed, followed, isolated_with, unsafe
@@ -22,7 +24,7 @@ from daemon.safety.table import TABLE, markdown
 from daemon.serving.drive_reports import drive_problems
 from hal.drives.lifecycle import State
 from hal.hardware import LOST_AFTER
-from hal.joint import JointState
+from hal.joint import JointState, Mode
 from handrail.messages import SafetyRule
 from handrail.robot.description import RobotDescription
 from handrail.robot.guarding import Guarding, HalfSpace
@@ -349,12 +351,43 @@ def too_stiff(bench: Any, out: Any, row: int) -> None:
     out.stiffness[row] = 1e6
 
 
+def balance(bench: Any) -> None:
+    """As if it stood on feet, and its capture point went out of them: for a moment, and for long."""
+    stance = SimpleNamespace(bearing=1.0, outside=-0.08)
+    bench.loop.robot.stance = stance
+    bench.start(bench.move("arm_right_1_joint", 0.3, 2.0))
+    bench.run(120)
+    stance.outside = 0.06
+    bench.run(round(PATIENCE / bench.loop.robot.period))
+    stance.outside = 0.04
+    bench.run(20)
+    assert bench.action()[0] is ActionState.RUNNING
+    assert not tripped(bench, Rule.BALANCE)["times"]
+    stance.outside = 0.06
+    bench.run(round(PATIENCE / bench.loop.robot.period) + 1)
+    assert bench.action() == (ActionState.ENDED, Outcome.BALANCE_LOST)
+    assert tripped(bench, Rule.BALANCE)["holds"]
+    damped = bench.drives.seen[-1]
+    assert (damped.mode == Mode.DAMPING).any()
+    assert not damped.stiffness.any(), "no joint is held"
+    assert bench.start(bench.move("arm_right_1_joint", 0.1)) is Answer.CLAIMED
+    for _ in range(round(3.0 / bench.loop.robot.period) + 2):
+        if not bench.run()["flags"] & Flag.ENABLED:
+            break
+    assert (bench.drives.life == State.QUICK_STOP_ACTIVE).any(), "and then every drive stops"
+    assert tripped(bench, Rule.BALANCE)["holds"]
+    bench.loop.robot.stance = None
+    bench.enable()
+    assert not tripped(bench, Rule.BALANCE)["holds"]
+
+
 TIMELINES: dict[Rule, Callable[[Any], None]] = {
     Rule.OPERATOR_STOP: operator_stop,
     Rule.KEEPALIVE: keepalive,
     Rule.NO_COMMAND: no_command,
     Rule.PROTOCOL: protocol,
     Rule.DRIVE_FAULT: drive_fault,
+    Rule.BALANCE: balance,
     Rule.SELF_COLLISION: self_collision,
     Rule.WORKSPACE: workspace,
     Rule.NOT_FINITE: not_finite,

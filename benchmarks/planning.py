@@ -1,4 +1,4 @@
-"""Inverse kinematics against Drake (SNOPT), placo and pin-pink, in turns in one run: ``handrail bench planning``.
+"""Reaches (`reach`); inverse kinematics against Drake (SNOPT), placo, pin-pink, in turns in one run: ``handrail bench planning``.
 
 All of TALOS on a free base but for head and grippers, 34 degrees of freedom: both feet where they are, the centre of mass over
 them, the right hand at a pose, joints within limits, nearest to half sitting. 200 poses that configurations have. Once as one
@@ -26,6 +26,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from benchmarks import reach
 from benchmarks.peers import environment
 from benchmarks.rows import Row, against
 from engines.planning.ik.constraints import Balance, Constraint, Pose
@@ -237,8 +238,8 @@ def _measured(
 
 
 def rows() -> list[Row]:
-    """Times and successes of one configuration, and of five knots. About five minutes."""
-    found: list[Row] = []
+    """Times and successes of whole reaches, of one configuration, and of five knots. About five minutes."""
+    found: list[Row] = reach.rows()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         problem = Problem(folder)

@@ -89,8 +89,9 @@ class Connector:
         """`limit_margin`: rad (m) that ways keep from joint limits, but for their ends; others as `connect`."""
         mechanism = world.mechanism
         self.world, self.sweep = world, Sweep(world)
-        self._floors = (margins or Margins()).floors(world, touching)
-        self._roomy = self._floors + _SPARE
+        self.floors = (margins or Margins()).floors(world, touching)
+        """(pairs,) m that are kept"""
+        self._roomy = self.floors + _SPARE
         rows = np.array([mechanism.row(joint) for joint in world.moving], np.int64)
         self._columns = mechanism.coordinate[rows]
         self._lower, self._upper = mechanism.lower[rows] + limit_margin, mechanism.upper[rows] - limit_margin
@@ -116,7 +117,7 @@ class Connector:
         corners = self._grown(start, goal, budget, end, generator, progress)
         if corners is None:
             words = f"({meeting.between}) on the straight way is {meeting.distance:.3g} m, and no way around was found"
-            raise Infeasible("clearance", self._floors[meeting.pair] - meeting.distance, "m", "free way", words)
+            raise Infeasible("clearance", self.floors[meeting.pair] - meeting.distance, "m", "free way", words)
         progress("shortening the way")
         corners = self._shortened(corners, budget.shortcuts, end, generator)
         return self._rounded(corners)
@@ -137,9 +138,9 @@ class Connector:
         if len(out) and out[worst] > 1e-6:
             unit = self.world.mechanism.unit_of(self.world.mechanism.row(self.world.moving[worst]))
             raise Infeasible("joint limits", float(out[worst]), unit, name, f"({self.world.moving[worst]})")
-        meeting = self.sweep.meeting(q[None, None], self._floors)
+        meeting = self.sweep.meeting(q[None, None], self.floors)
         if meeting is not None:
-            floor = self._floors[meeting.pair]
+            floor = self.floors[meeting.pair]
             words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {floor:g} allowed"
             raise Infeasible("clearance", float(floor - meeting.distance), "m", name, words)
 
@@ -150,7 +151,7 @@ class Connector:
     def _meeting(self, rows: Array, *, roomy: bool = False) -> Nearest | None:
         """Where straight lines through rows come too near."""
         self._check()
-        meeting = self.sweep.meeting(lines(rows), self._roomy if roomy else self._floors, self._cancelled)
+        meeting = self.sweep.meeting(lines(rows), self._roomy if roomy else self.floors, self._cancelled)
         self._check()
         return meeting
 

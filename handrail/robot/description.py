@@ -414,6 +414,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
     file = document.convert(_RobotFile)
     try:
         assembled = urdf.assemble(file.model, document.file.parent)
+        allowed = urdf.allowed_pairs(file.model, document.file.parent)
     except (FileNotFoundError, ValueError) as problem:
         raise document.error("model", str(problem)) from problem
     channels = {channel.name for channel in file.network.channels}
@@ -475,7 +476,7 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
         period_ns=round(file.control.period * 1e9),
         watchdog_cycles=file.control.watchdog_cycles,
         stop_after_misses=file.control.stop_after_misses,
-        allowed_collision_pairs=tuple(file.allowed_collision_pairs),
+        allowed_collision_pairs=(*file.allowed_collision_pairs, *allowed),
         guard=_guard(document, file.guard, tree),
         base=file.base,
         support=file.support,

@@ -20,6 +20,8 @@ from typing import Annotated
 
 import msgspec
 
+from handrail.robot.srdf import disabled_pairs
+
 
 class Tool(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """A rigid cylinder on a link, along its own −z; its `tip` frame is where it touches, −z pointing out of it."""
@@ -77,6 +79,8 @@ class Model(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """path below the distribution's robots folder"""
     file: str = ""
     """instead of both: a URDF in the robot's own folder, with its meshes beside it"""
+    srdf: str = ""
+    """a semantic description beside it, path as the URDF's: pairs of links that it disables may touch"""
     fix: list[str] = []
     """joints made rigid at zero, as glob patterns"""
     cut: list[str] = []
@@ -158,6 +162,16 @@ def _source(model: Model, folder: Path | None) -> tuple[Path, Path]:
     if not (robots / model.urdf).is_file():
         raise FileNotFoundError(f"model.urdf: {model.urdf} is not in {robots}")
     return robots / model.urdf, robots
+
+
+def allowed_pairs(model: Model, folder: Path) -> tuple[tuple[str, str], ...]:
+    """Names of links that may touch by the model's SRDF. Raises FileNotFoundError, ValueError."""
+    if not model.srdf:
+        return ()
+    file = _source(model, folder)[1] / model.srdf
+    if not file.is_file():
+        raise FileNotFoundError(f"model.srdf: {model.srdf} is not in {file.parent}")
+    return disabled_pairs(file)
 
 
 def cache_folder() -> Path:

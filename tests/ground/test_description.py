@@ -193,3 +193,19 @@ def test_joints_that_a_gripper_moves_are_no_joints_of_the_network():
     assert robot.device_limits["gripper_right_joint"][:2] == pytest.approx((-0.96, 0.0), abs=1e-3)
     assert {mimic.joint for mimic in robot.mimics.values()} == {"gripper_right_joint", "gripper_left_joint"}
     assert robot.mimics["gripper_right_fingertip_3_joint"].multiplier == -1
+
+
+def test_links_that_an_srdf_disables_may_touch_and_a_wrong_one_is_told(tmp_path):
+    robot = tmp_path / "arm"
+    shutil.copytree(description.find("sea_bench").parent, robot)
+    file = robot / "robot.yaml"
+    text = file.read_text()
+    file.write_text(text.replace("  file: bench.urdf", "  file: bench.urdf\n  srdf: bench.srdf", 1))
+    with pytest.raises(config.ConfigError, match=r"model: model.srdf: bench.srdf is not in"):
+        description.load(robot)
+    srdf = robot / "bench.srdf"
+    srdf.write_text('<robot name="bench"><disable_collisions link1="a" link2="b" reason="Never"/></robot>')
+    assert ("a", "b") in description.load(robot).allowed_collision_pairs
+    srdf.write_text('<robot name="bench"><disable_collisions link1="a"/></robot>')
+    with pytest.raises(config.ConfigError, match="without link1 or link2"):
+        description.load(robot)

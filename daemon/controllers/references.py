@@ -25,6 +25,8 @@ _MAX_RATE_JERK = 60.0
 """1/s²"""
 LEAST_ROOM = 0.25
 """of the limits that a change of rate may use where the path uses them up itself: it must come to a stand all the same"""
+_HORIZON = 1.0
+"""s of a path that a change of rate has to look at: with the least room it takes less, by the usual limits"""
 SLOWEST = 0.1
 """share of the planned speed that an operator may ask for, at least"""
 
@@ -177,12 +179,11 @@ class HermitePath:
         self.at = hermite(s, self.at, self.knots, position, velocity)
 
     def room(self, limits: Array) -> tuple[float, float]:
-        """The rate's acceleration 1/s and jerk 1/s² for which the pieces from here on leave room.
+        """The rate's acceleration 1/s and jerk 1/s² for which the next second of the path leaves room.
 
         `limits` (2, m): rad/s² and rad/s³ that the joints may do.
         """
-        change = _room(self.at, self.knots, limits, np.inf)
-        return change, _room(self.at, self.knots, limits, min(change, _MAX_RATE_CHANGE))
+        return _room(self.at, self.knots, limits)  # type: ignore[no-any-return]
 
 
 @compiled
@@ -208,24 +209,28 @@ def hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _room(at, knots, limits, change):  # type: ignore[no-untyped-def]
-    """The rate's largest acceleration, or where one of `change` is given, its largest jerk beside that."""
+def _room(at, knots, limits):  # type: ignore[no-untyped-def]
     m = (knots.shape[1] - 1) // 2
-    most = np.inf
+    until = knots[at, 0] + _HORIZON
+    most = np.zeros((3, m))  # of each joint's velocity, acceleration and jerk by s
     for k in range(at, knots.shape[0] - 1):
-        h = knots[k + 1, 0] - knots[k, 0]
+        if knots[k, 0] > until:
+            break
+        per = 1.0 / (knots[k + 1, 0] - knots[k, 0])
         for j in range(m):
             v0, v1 = knots[k, 1 + m + j], knots[k + 1, 1 + m + j]
-            slope = (knots[k + 1, 1 + j] - knots[k, 1 + j]) / h
-            fast = max(abs(v0), abs(v1), abs(1.5 * slope - 0.25 * (v0 + v1))) + 1e-12
-            hard = max(abs(6.0 * slope - 4.0 * v0 - 2.0 * v1), abs(2.0 * v0 + 4.0 * v1 - 6.0 * slope)) / h
-            if change == np.inf:
-                left = max(limits[0, j] - hard, LEAST_ROOM * limits[0, j])
-            else:
-                rough = 6.0 * abs(v0 + v1 - 2.0 * slope) / (h * h)
-                left = max(limits[1, j] - rough - 3.0 * hard * change, LEAST_ROOM * limits[1, j])
-            most = min(most, left / fast)
-    return most
+            slope = (knots[k + 1, 1 + j] - knots[k, 1 + j]) * per
+            most[0, j] = max(most[0, j], abs(v0), abs(v1), abs(1.5 * slope - 0.25 * (v0 + v1)))
+            hard = max(abs(6.0 * slope - 4.0 * v0 - 2.0 * v1), abs(2.0 * v0 + 4.0 * v1 - 6.0 * slope)) * per
+            most[1, j] = max(most[1, j], hard)
+            most[2, j] = max(most[2, j], 6.0 * abs(v0 + v1 - 2.0 * slope) * per * per)
+    change, jerk = _MAX_RATE_CHANGE, _MAX_RATE_JERK
+    for j in range(m):
+        change = min(change, max(limits[0, j] - most[1, j], LEAST_ROOM * limits[0, j]) / (most[0, j] + 1e-12))
+    for j in range(m):
+        left = limits[1, j] - most[2, j] - 3.0 * most[1, j] * change
+        jerk = min(jerk, max(left, LEAST_ROOM * limits[1, j]) / (most[0, j] + 1e-12))
+    return change, jerk
 
 
 class LinePath:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +27,14 @@ Robot = Annotated[str, typer.Option("--connect", help="Address of the robot's li
 Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 _RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
 _SILENT_S = 2.0
+
+
+class Level(Enum):
+    """Levels of autonomy."""
+
+    LOW = "low"
+    HIGH = "high"
+    FULL = "full"
 
 
 @app.command()
@@ -271,6 +280,13 @@ def set_parameters(
     """Change parameters of the program that runs: each counts from its next use."""
     with _robot(connect_to, keys) as robot:
         robot.set_run_parameters({name: _value(text) for name, text in _pairs("values", values).items()})
+
+
+@app.command()
+def autonomy(level: Annotated[Level, typer.Argument()], connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """Set how much programs do without asking: transitions that name this level or one above it are asked about first."""
+    with _robot(connect_to, keys) as robot:
+        robot.set_autonomy(level.value)
 
 
 @app.command()

@@ -55,6 +55,7 @@ class Engine:
         self._closing = threading.Event()
         self._deployments: dict[str, Deployed] = {}
         self._breakpoints: frozenset[str] = frozenset()
+        self._autonomy = "full"
         self._journal = RunJournal(runtime.folder)
         self._changing_runs = threading.Lock()
         self._seeds: dict[str, Mapping[str, Sequence[np.ndarray]]] = {}
@@ -102,6 +103,7 @@ class Engine:
             m.TakeTransition: lambda call: self._program_run().take(call.state, call.way),
             m.RunFrom: self._run_from,
             m.SetRunParameters: lambda call: self._program_run().set_parameters(call.parameters),
+            m.SetAutonomy: self._set_autonomy,
             m.GetRunHistory: self._history,
             m.AnswerPrompt: self._services.prompts.answer,
             m.GetEngine: lambda call: self._snapshot(),
@@ -287,6 +289,7 @@ class Engine:
             self._services,
             functools.partial(self._run_changed, deployed),
             breakpoints=self._breakpoints & doing,
+            autonomy=self._autonomy,
             start=start,
             seeds=self._seeds.get(deployed.id),
         )
@@ -325,6 +328,11 @@ class Engine:
         if self._run is not None:
             self._run.set_breakpoints(call.states)
         self._breakpoints = frozenset(call.states)
+
+    def _set_autonomy(self, call: m.SetAutonomy) -> None:
+        self._autonomy = call.level
+        if self._run is not None and self._run.active:
+            self._run.set_autonomy(call.level)
 
     def _history(self, call: m.GetRunHistory) -> m.RunHistory:
         if self._run is None:

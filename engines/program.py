@@ -6,6 +6,7 @@ names file, line, field and expectation.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
@@ -27,6 +28,11 @@ _T = TypeVar("_T")
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180}
 """names that every expression of a program knows; ``deg`` is one degree in radians"""
+
+AUTONOMY: Mapping[str, int] = {"low": 1, "high": 2, "full": 3}
+"""levels that a run may have, and that a transition may name as the highest at which it is asked about"""
+RETRIES = "retries_of_"
+"""and a state's id: how often its activity was begun anew already, since the state was entered"""
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,12 @@ class Program:
     variables: Mapping[str, Any]
     roots: tuple[State, ...]
     """top-level states, in the file's order"""
+
+    @functools.cached_property
+    def names(self) -> frozenset[str]:
+        """Those that its expressions may use."""
+        retries = {f"{RETRIES}{state.id}" for state in self.states() if state.file.retry}
+        return frozenset({*self.variables, *self.parameters, *self.resources, *CONSTANTS, *retries, "failure"})
 
     def states(self) -> Iterator[State]:
         """Every state, in the file's order."""

@@ -20,7 +20,7 @@ from engines import nested
 from engines.activities import ACTIVITIES
 from engines.activities.base import SHAPES, Argument, Kind, goals_in
 from engines.nodes import library as node_library
-from engines.program import CONSTANTS, Program, State, Transition
+from engines.program import CONSTANTS, RETRIES, Program, State, Transition
 from engines.program_expressions import ProgramEvaluator
 from engines.text import fields
 from handrail import compound_tasks
@@ -29,9 +29,7 @@ from handrail.config import ConfigError
 
 ERROR_OUTPUTS = frozenset({"message", "reason", "source"})
 """what `_event.data` has after `error.execution`"""
-RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure"})
-RETRIES = "retries_of_"
-"""and a state's id: how often its activity was begun anew already, since the state was entered"""
+RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure", "autonomy_level", "asked"})
 STOPPED = "stopped"
 """id of the final state that every chart gets, for StopRun"""
 
@@ -135,6 +133,10 @@ def _check_transition(program: Program, state: State, transition: Transition, st
             raise program.document.error(
                 f"{path}.after", "nobody stays in a history; expected it at a state's transition"
             )
+    if file.autonomy and (file.target is None or (file.event is None and file.after is None)):
+        raise program.document.error(
+            f"{path}.autonomy", "nothing to ask about; expected it with `target` and `event` or `after`"
+        )
     if file.event is None and file.after is None and file.target is None:
         raise program.document.error(path, "would be taken without end; expected `event` or `target`")
     if (
@@ -317,8 +319,7 @@ def _check_expression(program: Program, path: str, text: Any, outputs: Set[str],
             path,
             f"{text!r} is not an expression that is allowed here ({reason}); expected {_GRAMMAR}",
         ) from problem
-    retries = {f"{RETRIES}{state.id}" for state in program.states() if state.file.retry}
-    known = {*program.variables, *program.parameters, *program.resources, *CONSTANTS, *retries, "failure"}
+    known = program.names
     for node in ast.walk(tree):
         if (
             isinstance(node, ast.Name)

@@ -15,6 +15,7 @@ import numpy as np
 from engines.activities import ACTIVITIES
 from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.activities.execute import check, execute
+from engines.autonomy import Permissions, Question
 from engines.deployment import Deployed, check_breakpoints, check_parameters
 from engines.motion import Motion
 from engines.parts import Parts
@@ -69,6 +70,7 @@ class ProgramRun:
         publish: Callable[[RunState], None],
         *,
         breakpoints: Iterable[str] = (),
+        autonomy: str = "full",
         start: Start | None = None,
         seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
     ):
@@ -88,6 +90,7 @@ class ProgramRun:
         self._gate.set_breakpoints(breakpoints)
         self._history = RunHistory(lambda: services.daemon.time_ns)
         names = {**deployed.names(), **self._start.variables, **self._parameters}
+        self._permissions = Permissions(services.prompts, self._context.run, self._allow, services.log, autonomy)
         self._chart = Chart(
             program,
             names,
@@ -95,8 +98,11 @@ class ProgramRun:
             gate=self._gate,
             clock=self._clock,
             history=self._history,
+            ask=self._permissions.ask,
+            withdraw=self._permissions.withdraw,
             start_at=self._start.states,
         )
+        self._chart.set_autonomy(autonomy)
         self._lock = threading.RLock()
         self._state = RunState(
             run=self._context.run,
@@ -107,6 +113,7 @@ class ProgramRun:
             active=[],
             data=self._data(),
             breakpoints=self._gate.breakpoints,
+            autonomy=autonomy,
         )
         self._stopping = False
         self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
@@ -214,6 +221,16 @@ class ProgramRun:
             self._parameters.update(parameters)
             self._chart.set_parameters(parameters)
             self._tell(data=self._data())
+
+    def set_autonomy(self, level: str) -> None:
+        """How much the run does without asking. Refused for a level that is none."""
+        with self._lock:
+            self._chart.set_autonomy(level)
+            self._permissions.set_level(level)
+            self._tell(autonomy=level)
+
+    def _allow(self, question: Question) -> None:
+        self._chart.allow(question)
 
     def again_from(self, state: str, *, paused: bool) -> Start:
         """How a run begins that goes on in a state with what this one has remembered."""

@@ -22,8 +22,9 @@ from statemachine.io.yaml.reader import YAMLReader
 
 from engines import nested
 from engines.activities.base import SHAPES, Activity, ActivityFailed, Argument, Kind, goals_in
-from engines.program import CONSTANTS, Program, State, Transition
-from engines.program_check import RETRIES, STOPPED
+from engines.autonomy import Question
+from engines.program import AUTONOMY, CONSTANTS, RETRIES, Program, State, Transition
+from engines.program_check import STOPPED
 from engines.program_expressions import ProgramEvaluator
 from engines.run_clock import RunClock
 from engines.run_gate import RunGate
@@ -37,6 +38,7 @@ _STOP = "handrail.stop"
 _TAKE = "handrail.take"
 _AFTER = "handrail.after"
 _RETRY = "handrail.retry"
+_ALLOW = "handrail.allow"
 _FOR_GOOD = frozenset({"bad_argument", "cancelled", "crashed", "refused", "stopped", "taken_over"})
 """reasons of failures that another attempt would not change, or that somebody wants"""
 _log = logging.getLogger(__name__)
@@ -59,8 +61,23 @@ class ProgramData:
     def __init__(self, names: Mapping[str, Any]):
         self.state: Any = None  # python-statemachine keeps the configuration here
         self.failure = ""
+        self.autonomy_level = max(AUTONOMY.values())
+        self._asked: Callable[[str], None] = lambda way: None
         for name, value in names.items():
             setattr(self, name, value)
+
+    @property
+    def asked(self) -> str:
+        """Assigned to by transitions that ask instead of leading on: state and index of the way that is asked about."""
+        return ""
+
+    @asked.setter
+    def asked(self, way: str) -> None:
+        self._asked(way)
+
+    def when_asked(self, call: Callable[[str], None]) -> None:
+        """Have `call` told of such a way."""
+        self._asked = call
 
 
 class Chart(Interpreter):
@@ -75,6 +92,8 @@ class Chart(Interpreter):
         gate: RunGate | None = None,
         clock: RunClock | None = None,
         history: RunHistory | None = None,
+        ask: Callable[[Question], None] | None = None,
+        withdraw: Callable[[str], None] = lambda state: None,
         start_at: Iterable[str] = (),
     ):
         """`make` makes a state's activity when it is entered.
@@ -83,15 +102,19 @@ class Chart(Interpreter):
         :param gate: passed by every activity before it is made
         :param clock: by which time-outs count
         :param history: told of each state that is entered and left
+        :param ask: told of ways out that the operator is to be asked about first; None: he is not
+        :param withdraw: told of each state that was left, so that nothing is asked about it any more
         :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
         :raises ValueError: no such state, or states that can't be active together
         """
         super().__init__(reader=YAMLReader(), evaluator=ProgramEvaluator())
         self.program, self._make, self._history = program, make, history
         self.gate, self._clock = gate or RunGate(lambda why: None), clock or RunClock()
+        self._ask, self._withdraw, self._event = ask, withdraw, Event("")
         self._timeouts: dict[str, list[Callable[[], None]]] = {}
         retries = {f"{RETRIES}{state.id}": 0 for state in program.states() if state.file.retry}
         self.data = ProgramData({**CONSTANTS, **retries, **names})
+        self.data.when_asked(self._asks)
         # What expressions are evaluated over; the machine itself does not exist yet when its first activities begin.
         self._names = SimpleNamespace(model=self.data)
         self._by_id = {state.id: state for state in program.states()}
@@ -109,7 +132,7 @@ class Chart(Interpreter):
     def step(self, timeout_s: float | None = None) -> bool:
         """Wait for the next event and carry out all that follows from it. False when none came in time (None: for ever)."""
         try:
-            event = self._events.get(timeout=timeout_s)
+            event = self._event = self._events.get(timeout=timeout_s)
         except queue.Empty:
             return False
         self._machine.send(event.name, **event.data)
@@ -150,6 +173,14 @@ class Chart(Interpreter):
         for name, value in values.items():
             setattr(self.data, name, value)
 
+    def allow(self, question: Question) -> None:
+        """Take the way that was asked about, with the data of the event that would have taken it; nothing if the state was left."""
+        self.post(Event(f"{_ALLOW}.{question.state}.{question.way}", question.data))
+
+    def set_autonomy(self, level: str) -> None:
+        """Which ways are asked about from now on; one of `AUTONOMY`."""
+        self.data.autonomy_level = AUTONOMY[level]
+
     def take(self, state: str, way: int) -> None:
         """Leave a state by one of its transitions that lead somewhere, whatever the guard says. What it sets from the event's data
         stays as it was.
@@ -171,6 +202,21 @@ class Chart(Interpreter):
         if str(event_data.event).startswith(("error.execution", _RETRY)):
             told = event_data.trigger_data.kwargs
             self.data.failure = str(told.get("message") or told.get("error", ""))
+
+    def _asks(self, way: str) -> None:
+        state, _, index = way.rpartition(".")
+        transition = self._by_id[state].transitions[int(index)].file
+        if self._ask is None:
+            self.post(Event(f"{_ALLOW}.{way}", self._event.data))
+            return
+        done = {f"done.invoke.{state}": "is done", f"done.state.{state}": "is done", "error.execution": "has failed"}
+        happened = f"{self._by_id[state].file.title or state} {done.get(self._event.name, _told(self._event.name))}"
+        why = f": {told}" if (told := self._event.data.get("message")) else ""
+        goal = " and ".join(
+            self._by_id[each].file.title or each for each in str(transition.target).split() if each in self._by_id
+        )
+        text = f"{happened}{why}. Go on with: {transition.title or goal or transition.target}?"
+        self._ask(Question(state, int(index), transition.autonomy, text, self._event.data))
 
     def on_enter_state(self, state: Any) -> None:
         """A state becomes active: its time-outs begin."""
@@ -199,6 +245,7 @@ class Chart(Interpreter):
         """A state is left: its time-outs end, and its retries, unless it is entered for another one."""
         for take_back in self._timeouts.pop(state.id, []):
             take_back()
+        self._withdraw(state.id)
         found, name = self._by_id.get(state.id), str(event or "")
         if found is not None and found.file.retry:
             retries = f"{RETRIES}{state.id}"
@@ -323,7 +370,7 @@ def _told(event: str) -> str:
     """An event's name, for people."""
     if event.startswith((_TAKE, _STOP)):
         return "operator"
-    return {_AFTER: "time-out", _RETRY: "retry"}.get(".".join(event.split(".")[:2]), event)
+    return {_AFTER: "time-out", _RETRY: "retry", _ALLOW: "operator"}.get(".".join(event.split(".")[:2]), event)
 
 
 def _initial(program: Program, states: Mapping[str, State], start_at: Iterable[str]) -> dict[str | None, str]:
@@ -355,7 +402,7 @@ def _native_state(state: State, initial: Mapping[str | None, str], first: bool) 
         return {"final": True, "initial": first}
     native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel}
     native["transitions"] = [
-        _native_transition(way, f"{_AFTER}.{state.id}.{k}") for k, way in enumerate(state.transitions)
+        each for k, way in enumerate(state.transitions) for each in _native_ways(way, f"{state.id}.{k}")
     ]
     if state.file.retry:
         native["transitions"].append({"event": f"{_RETRY}.{state.id}", "target": state.id})
@@ -379,6 +426,23 @@ def _native_state(state: State, initial: Mapping[str | None, str], first: bool) 
     if state.file.do:
         native["invoke"] = [{"type": _INVOKE_TYPE, "id": state.id}]
     return native
+
+
+def _native_ways(way: Transition, key: str) -> list[dict[str, Any]]:
+    """A transition; where the operator may have to be asked, it is three: without asking, the question, and with his leave.
+
+    `key`: state and index, dotted.
+    """
+    native = _native_transition(way, f"{_AFTER}.{key}")
+    if not way.file.autonomy:
+        return [native]
+    free = f"autonomy_level > {AUTONOMY[way.file.autonomy]}"
+    asks = {name: native[name] for name in ("event", "cond") if name in native}
+    return [
+        native | {"cond": f"({native['cond']}) and {free}" if "cond" in native else free},
+        asks | {"on": [{"assign": {"location": "asked", "expr": repr(key)}}]},
+        {**native, "event": f"{_ALLOW}.{key}", "cond": "True"},
+    ]
 
 
 def _native_transition(way: Transition, timeout: str = "") -> dict[str, Any]:

@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -69,6 +69,7 @@ from handrail.messages import (
     RunFrom,
     RunHistory,
     RunState,
+    SetAutonomy,
     SetBreakpoints,
     SetParameters,
     SetRunParameters,
@@ -320,6 +321,10 @@ class Client:
     def set_run_parameters(self, parameters: Mapping[str, Any]) -> None:
         """Change the running program's parameters: each counts from when it is used next."""
         self.call(SetRunParameters(parameters=dict(parameters)))
+
+    def set_autonomy(self, level: Literal["low", "high", "full"]) -> None:
+        """How much programs do without asking: transitions that name this level or one above it are asked about first."""
+        self.call(SetAutonomy(level=level))
 
     def run_history(self) -> RunHistory:
         """The states that the last run went through, with their times and what ended them."""

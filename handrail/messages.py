@@ -1801,6 +1801,13 @@ class SetRunParameters(Message):
 
 
 @_travels(priority=1, remote=True)
+class SetAutonomy(Message):
+    """How much programs do without asking, from now on: transitions that name this level or one above it are asked about."""
+
+    level: Literal["low", "high", "full"]
+
+
+@_travels(priority=1, remote=True)
 class GetRunHistory(Message):
     """What the last run went through."""
 
@@ -1842,6 +1849,8 @@ class RunState(Message):
     """active states that have not begun what they do, because the run is paused"""
     breakpoints: list[str] = []
     """states before whose activity the run pauses"""
+    autonomy: str = "full"
+    """transitions that name this level or one above it are asked about"""
     detail: str = ""
     """why it failed, stopped, or paused by itself"""
     time_ns: int = 0
@@ -1946,6 +1955,7 @@ EngineCall = (
     | TakeTransition
     | RunFrom
     | SetRunParameters
+    | SetAutonomy
     | GetRunHistory
     | AnswerPrompt
     | GetEngine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from engines import library
 from handrail import messages as m
 
 
@@ -184,3 +185,49 @@ def test_a_step_of_what_is_not_paused_is_refused(stack):
     stack.run(goal_deg=10)
     stack.prompt()
     assert stack.refusal(m.StepRun()).expected == "paused"
+
+
+@pytest.fixture
+def cautious(stack, tmp_path, monkeypatch):
+    """A run whose first plan is only gone on with by leave."""
+    text = (
+        library.files()["turn_valve"].read_text().replace("target: confirming,", "autonomy: low, target: confirming,")
+    )
+    (tmp_path / "rtc_programs").mkdir()
+    (tmp_path / "rtc_programs" / "turn_valve.yaml").write_text(text)
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    stack.place()
+    stack.call(m.SetAutonomy(level="low"))
+    stack.run(goal_deg=10)
+    return stack
+
+
+def test_a_run_asks_once_where_its_level_is_low_and_goes_on_when_told(cautious):
+    asked = cautious.prompt()
+    assert asked.text == "Plan the first stroke is done. Go on with: Ask the operator?"
+    assert cautious.call(m.GetEngine()).run.active == ["planning"]
+    cautious.call(m.AnswerPrompt(id=asked.id, answer="go on"))
+    assert "10°" in cautious.prompt(2).text
+
+
+def test_who_wants_it_to_stay_has_it_stay_until_it_is_skipped(cautious):
+    cautious.call(m.AnswerPrompt(id=cautious.prompt().id, answer="stay"))
+    cautious.wait(lambda e: isinstance(e, m.LogLine) and "stays active" in e.text)
+    assert cautious.call(m.GetEngine()).run.active == ["planning"]
+    cautious.call(m.StopRun())
+    assert cautious.ended().status == "stopped"
+
+
+def test_a_higher_level_withdraws_what_need_not_be_asked_any_more_and_goes_on(cautious):
+    asked = cautious.prompt()
+    cautious.call(m.SetAutonomy(level="high"))
+    assert cautious.wait(lambda e: isinstance(e, m.PromptClosed) and e.id == asked.id).answer == ""
+    assert "10°" in cautious.prompt(2).text
+    assert cautious.call(m.GetEngine()).run.autonomy == "high"
+
+
+def test_a_question_about_a_state_that_was_left_is_withdrawn(cautious):
+    asked = cautious.prompt()
+    cautious.call(m.TakeTransition(state="planning", way=1))
+    assert cautious.wait(lambda e: isinstance(e, m.PromptClosed) and e.id == asked.id).answer == ""
+    assert cautious.ended().status == "failed"

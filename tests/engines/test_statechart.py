@@ -51,7 +51,7 @@ def begin(tmp_path, clock):
     steps: list[Step] = []
     made = threading.Condition()
 
-    def begin(states: str, **names):
+    def begin(states: str, *, ask=None, withdraw=lambda state: None, **names):
         file = tmp_path / "p.yaml"
         file.write_text(HEAD + states)
         found = program.read(file)
@@ -62,7 +62,14 @@ def begin(tmp_path, clock):
                 made.notify_all()
             return steps[-1]
 
-        chart = Chart(found, {**found.variables, "arm": "right", "valve": "wheel_1", **names}, make, clock=clock)
+        chart = Chart(
+            found,
+            {**found.variables, "arm": "right", "valve": "wheel_1", **names},
+            make,
+            clock=clock,
+            ask=ask,
+            withdraw=withdraw,
+        )
         clock.tick(NOW)
         chart.begin()
         return chart
@@ -283,3 +290,57 @@ def test_what_somebody_wanted_or_can_not_be_is_not_tried_again(begin):
     begin.step(1).end(ActivityFailed("taken_over", "somebody else commands the arm"))
     chart.step()
     assert chart.ended.id == "bad"
+
+
+ASKING = PROMPT.replace("target: good,", "autonomy: high, target: good,").replace(
+    "target: bad,", "autonomy: full, target: bad,"
+)
+
+
+def test_at_a_level_above_what_is_required_nobody_is_asked(begin):
+    chart = begin(ASKING)
+    begin.step(1).end({"answer": "yes", "by": "me"})
+    chart.step()
+    assert chart.ended.id == "good"
+
+
+@pytest.mark.parametrize("level", ["low", "high"])
+def test_below_it_the_state_stays_until_the_operator_lets_it_go(begin, level):
+    asked, left = [], []
+    chart = begin(ASKING, ask=asked.append, withdraw=left.append)
+    chart.set_autonomy(level)
+    begin.step(1).end({"answer": "yes", "by": "me"})
+    chart.step()
+    assert chart.active() == ["asking"]
+    assert (asked[0].state, asked[0].way, asked[0].required) == ("asking", 1, "high")
+    assert asked[0].text == "asking is done. Go on with: good?"
+    assert not left
+    chart.allow(asked[0])
+    chart.step()
+    assert chart.ended.id == "good"
+    assert chart.variables()["answer"] == "yes", "with the data of the event that was asked about"
+    assert "asking" in left
+
+
+def test_what_is_marked_full_is_always_asked_about_with_the_reason(begin):
+    asked = []
+    chart = begin(ASKING, ask=asked.append)
+    begin.step(1).end(ActivityFailed("stall", "stuck"))
+    chart.step()
+    assert asked[0].text == "asking has failed: stuck. Go on with: bad?"
+    chart.allow(asked[0])
+    chart.step()
+    assert chart.variables()["why"] == "stuck"
+
+
+def test_leave_that_comes_too_late_changes_nothing(begin):
+    asked = []
+    chart = begin(ASKING, ask=asked.append)
+    chart.set_autonomy("low")
+    begin.step(1).end({"answer": "yes", "by": "me"})
+    chart.step()
+    chart.take("asking", 0)
+    chart.step()
+    chart.allow(asked[0])
+    chart.step()
+    assert begin.step(2).state.id == "asking"

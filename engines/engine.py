@@ -33,6 +33,7 @@ from engines.rehearsal import Rehearsal
 from engines.run import Job, PlanExecution, ProgramRun, Start
 from engines.run_journal import RunJournal
 from engines.service import DeferringService, Wake
+from engines.sight import Sight
 from handrail import messages as m
 from handrail.config import ConfigError
 from handrail.robot import description as robot_description
@@ -66,6 +67,7 @@ class Engine:
         daemon = DaemonClient(runtime, len(description.joints), log=lambda text: self._log("warning", text))
         affordances = AffordanceServer(runtime.folder / "instances.json", changed=self._instance_changed)
         plans = PlanStore(affordances.instances, daemon.world, self._tell)
+        self._sight = Sight(runtime)
         daemon.rested = plans.robot_rested
         self._services = Services(
             description=description,
@@ -76,6 +78,7 @@ class Engine:
             planner=planner,
             tip_pose=tip_pose,
             log=self._log,
+            clouds=self._sight.clouds,
         )
         for problem in affordances.problems:
             self._log("error", problem)
@@ -144,6 +147,7 @@ class Engine:
             self._job.join(0.5)
         self._publish()
         self._services.daemon.close()
+        self._sight.close()
         self._service.close()
         self._publisher.close()
         self._wake.close()

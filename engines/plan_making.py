@@ -6,6 +6,7 @@ import bisect
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -17,6 +18,9 @@ from engines.planning.plan import Cancelled, Infeasible, Plan
 from engines.plans import PlanRecord
 from handrail.messages import Choice, Choices, EditPlan, KeyFrame, PlanMotion, PlanPreview, RankChoices
 from handrail.topics import RefusedError
+
+if TYPE_CHECKING:
+    from engines.planning.seen import Seen
 
 _Asked = Callable[[], bool]
 _TRIES = 6
@@ -154,13 +158,24 @@ def make_motion(
     :param seeds: (n,) rad each, postures to look for the goals from first
     """
     world, instances = start_of(services, call.after), services.affordances.instances()
+    seen = _seen(services, instances) if call.seen else None
     with _telling("no plan to the goals", "can't plan to the goals"):
-        plan = services.planner.motion(call, instances, world.command, seeds=seeds, cancelled=cancelled)
+        plan = services.planner.motion(call, instances, world.command, seeds=seeds, seen=seen, cancelled=cancelled)
     used = tuple(each for each in instances if each.name in plan.made_from)
     asked: dict[str, float | str] = {"goals": plan.label, "arm": call.arm, "clearance": call.clearance}
     asked |= ({"after": call.after} if call.after else {}) | ({"edits": edits} if edits else {})
+    asked |= {"seen": seen.words} if seen else {}
     origin = Origin(world, services.description.joints, used, asked, run)
     return _kept(services, PlanRecord(plan, origin, asked=call, after=call.after))
+
+
+def _seen(services: Services, instances: Sequence[Instance]) -> Seen:
+    """What cameras see now that nobody has placed. Raises ActivityFailed where none sees."""
+    now = start_of(services, "")
+    seen = services.planner.see(services.clouds(), now.time_ns, now.command, instances)
+    if not any(not camera.left_out for camera in seen.cameras):
+        raise ActivityFailed("refused", f"can't keep clear of what is seen: {seen.words}")
+    return seen
 
 
 def make_edit(services: Services, call: EditPlan) -> tuple[PlanRecord, PlanPreview]:

@@ -1625,6 +1625,8 @@ class PlanMotion(Message):
     """m, from every instance and of the robot from itself"""
     ignore: list[Name] = []
     """instances that need not be kept clear of"""
+    seen: bool = False
+    """whether to keep clear of what cameras see as well, but for points on the robot and on instances; refused where none sees"""
     duration: NonNegative = 0.0
     """s, at least"""
     label: str = ""

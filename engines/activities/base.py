@@ -17,12 +17,13 @@ from engines.daemon_client import DaemonClient
 from engines.motion import Motion
 from engines.plans import PlanStore
 from engines.prompts import Prompts
-from handrail.messages import Goal, KeyFrame, PlanMotion
+from handrail.messages import Goal, KeyFrame, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
     from engines.planning.behaviour import Choice
     from engines.planning.plan import Plan
+    from engines.planning.seen import Seen
 
 
 class Kind(Enum):
@@ -126,9 +127,14 @@ class Planner(Protocol):
         position: np.ndarray,
         *,
         seeds: Sequence[np.ndarray] = (),
+        seen: Seen | None = None,
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...
+
+    def see(
+        self, clouds: Sequence[PointCloud], time_ns: int, position: np.ndarray, instances: Sequence[Instance]
+    ) -> Seen: ...
 
 
 @dataclass(frozen=True)
@@ -145,6 +151,8 @@ class Services:
     """joint positions (n,) rad, arm → position (3,) m and quaternion (4,) of its tool's tip in the world"""
     log: Callable[[str, str], None]
     """level, text: a line for people"""
+    clouds: Callable[[], Sequence[PointCloud]] = tuple
+    """the newest of each camera"""
 
     def tip(self, position: np.ndarray, arm: str) -> np.ndarray:
         """(3,) m: an arm's tool tip in the world at joint positions (n,) rad."""

@@ -13,6 +13,7 @@ import threading
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -32,14 +33,15 @@ from engines.planning.ik.solver import Solver
 from engines.planning.ik.trajectory import TrajectorySolver
 from engines.planning.manipulation import TORQUE_SHARE
 from engines.planning.measures import RESIDUAL, TILT, Measure
-from engines.planning.obstacles import obstacles_of
+from engines.planning.obstacles import Obstacle, obstacles_of
 from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
+from engines.planning.seen import Eyes, Seen
 from engines.planning.sweep import cubics
 from engines.planning.timing import Knots, Limits, parametrise
 from engines.planning.verification import Verified, Verifier
 from engines.planning.world import World
-from handrail.messages import PlanMotion
+from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
@@ -77,6 +79,8 @@ class Motion:
     keep: Sequence[Constraint] = ()
     """hold all the way"""
     obstacles: Sequence[Instance] = ()
+    seen: Sequence[Obstacle] = ()
+    """what has no name: octrees of what cameras see"""
     clearance: float = 0.01
     """m"""
     duration: float = 0.0
@@ -172,6 +176,16 @@ class MotionPlanner:
         with self._lock:
             return _Search(self, motion, start, cancelled or _never, progress or _quiet).plan()
 
+    @cached_property
+    def _eyes(self) -> Eyes:
+        return Eyes(self.mechanism)
+
+    def see(self, clouds: Sequence[PointCloud], time_ns: int, position: Array, instances: Sequence[Instance]) -> Seen:
+        """What cameras see beside the robot, which is at `position` (n,) rad, and the instances, at that time of its clock."""
+        placed = [solid for instance in instances for solid in obstacles_of(instance)]
+        with self._lock:
+            return self._eyes.solids(clouds, time_ns, self._configuration("position", position), placed)
+
     def _configuration(self, name: str, position: Array) -> Array:
         """(nq,) for positions (n,) of the description's joints. Raises ValueError."""
         position = np.asarray(position, dtype=float)
@@ -211,7 +225,7 @@ class _Search:
         self._lower, self._upper = (
             limit[[mechanism.row(joint) for joint in motion.moving]] for limit in (mechanism.lower, mechanism.upper)
         )
-        solids = [solid for instance in motion.obstacles for solid in obstacles_of(instance)]
+        solids = [*(solid for instance in motion.obstacles for solid in obstacles_of(instance)), *motion.seen]
         allowed = planner._description.allowed_collision_pairs
         self._world = World(mechanism, solids, allowed, moving=motion.moving)
         self._connector = Connector(

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from affordance_templates.instance import Instance
 from engines.planning.manipulation import ManipulationPlanner
 from engines.planning.plan import Plan
-from handrail.messages import PlanMotion
+from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from engines.planning.motion_planner import MotionPlanner
+    from engines.planning.seen import Seen
 
 Array = NDArray[np.float64]
 
@@ -46,8 +47,13 @@ class Planners:
 
     def motion(
         self, call: PlanMotion, instances: Sequence[Instance], position: Array, *, seeds: Sequence[Array] = (),
-        cancelled: Callable[[], bool] | None = None, progress: Callable[[str], None] | None = None,
+        seen: Seen | None = None, cancelled: Callable[[], bool] | None = None,
+        progress: Callable[[str], None] | None = None,
     ) -> Plan:  # fmt: skip
         """What a call asks for, from where all joints are, `position` (n,) rad. See MotionPlanner."""
-        question = replace(self.motions.read(call, instances), seeds=seeds)
+        question = replace(self.motions.read(call, instances), seeds=seeds, seen=seen.obstacles if seen else ())
         return self.motions.plan(question, position, cancelled=cancelled, progress=progress)
+
+    def see(self, clouds: Sequence[PointCloud], time_ns: int, position: Array, instances: Sequence[Instance]) -> Seen:
+        """See MotionPlanner."""
+        return self.motions.see(clouds, time_ns, position, instances)

@@ -21,6 +21,7 @@ from engines.engine import Engine
 from engines.planning.behaviour import Choice
 from engines.planning.measures import CLEARANCE, Measure
 from engines.planning.plan import Infeasible, Plan, Segment
+from engines.planning.seen import Camera, Seen
 from handrail import messages as m
 from handrail.runtime import Runtime
 from handrail.topics import Caller, Publisher, RefusedError, Service, Subscriber, refuse
@@ -300,7 +301,12 @@ class FakePlanner:
             if arm in (arms or ("left", "right"))
         ]
 
-    def motion(self, call, instances, position, *, seeds=(), cancelled=None, progress=None) -> Plan:
+    def see(self, clouds, time_ns, position, instances) -> Seen:
+        """Every camera sees as many obstacles as its cloud has points."""
+        cameras = tuple(Camera(cloud.camera, 0.0, cloud.count) for cloud in clouds)
+        return Seen((), cameras)
+
+    def motion(self, call, instances, position, *, seeds=(), seen=None, cancelled=None, progress=None) -> Plan:
         """To where the first goal has the joints."""
         names = [each.name for each in instances]
         self.asked.append({"call": call, "instances": names, "position": position.copy(), "seeds": list(seeds)})

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from engines import program
+from handrail import cloud
 from handrail import messages as m
 from handrail.config import ConfigError
+from handrail.topics import Publisher
 
 PROGRAM = """\
 title: Go there
@@ -132,3 +134,19 @@ def test_wrong_goals_are_refused_before_anything_runs(tmp_path, old, new, told):
     file.write_text(PROGRAM.replace(old, new))
     with pytest.raises(ConfigError, match=told):
         program.read(file)
+
+
+def test_what_cameras_see_is_kept_clear_of_where_that_is_asked_for_and_told(stack, runtime, daemon, wait_until):
+    question = m.PlanMotion(goals=joints(angle=0.5), arm="right", seen=True)
+    assert "no camera sees anything" in stack.refusal(question).message
+    camera = Publisher(runtime.endpoint("sensors.events"))
+    picture = cloud.pack("head", 0, np.zeros((7, 3)), None, (0.0, 0.0, 0.0))
+
+    def seen() -> bool:
+        camera.send(picture)
+        return bool(stack.engine._services.clouds())
+
+    wait_until(seen)
+    plan = stack.call(question)
+    camera.close()
+    assert stack.call(m.GetPlan(id=plan.id, details=True)).origin.asked["seen"] == "head: 7 points, 0.0 s old"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -12,11 +14,15 @@ from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from engines.planning.margins import Margins
 from engines.planning.obstacles import obstacles_of
+from engines.planning.plan import Infeasible
+from engines.planning.planners import Planners
 from engines.planning.point_distance import PointDistance
 from engines.planning.seen import RESOLUTION, Eyes
 from engines.planning.sweep import Sweep, lines
+from engines.planning.verifier import verify
 from engines.planning.world import World
 from handrail import cloud
+from handrail.messages import FrameGoal, PlanMotion, Pose
 
 NOW = 20_000_000_000
 PLACEMENT = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.3, -0.2, 0.1]))
@@ -138,3 +144,24 @@ def test_what_is_seen_is_met_by_motions_and_avoided_by_inverse_kinematics(eyes, 
     pin.updateGeometryPlacements(mechanism.model, data, world.geometry, scratch)
     pin.computeDistances(world.geometry, scratch)
     assert min(one.min_distance for one in scratch.distanceResults) >= 0.03 - 1e-4
+
+
+def test_a_motion_keeps_clear_of_what_is_seen(ready, board, description):
+    planner = Planners(description).motions
+    home = description.home_position("ready")
+    seen = planner.see([picture(board)], NOW, home, [])
+    goal = FrameGoal(pose=Pose(position=(0.42, -0.35, 0.1)), angle=np.pi)
+    question = planner.read(PlanMotion(goals=[goal], arm="right", clearance=0.02), [])
+    world = World(planner.mechanism, seen.obstacles, description.allowed_collision_pairs, moving=question.moving)
+    margins = Margins(0.02, 0.02)
+
+    def missed(plan):
+        limits = planner.limits_of(plan.joints, ready)
+        return {violation.measure.constraint for violation in verify(plan, world, limits, ready, margins=margins)}
+
+    assert missed(planner.plan(question, home)) == {"clearance"}, "what nobody sees is run into"
+    around = FrameGoal(pose=Pose(position=(0.38, -0.35, 0.1)), angle=np.pi)
+    heeding = replace(planner.read(PlanMotion(goals=[around], arm="right", clearance=0.02), []), seen=seen.obstacles)
+    assert missed(planner.plan(heeding, home)) == set()
+    with pytest.raises(Infeasible, match=r"what head saw 0\.4 s ago"):
+        planner.plan(replace(question, seen=seen.obstacles), home)

@@ -192,6 +192,8 @@ def make_edit(services: Services, call: EditPlan) -> tuple[PlanRecord, PlanPrevi
             "Move the template, or plan a motion and the stroke from where it ends",
         )
     frames = list(before.through)
+    if before.along is not None:
+        raise ActivityFailed("refused", f"{call.id} ({record.plan.label}) goes with a joint, and has no key frames")
     if call.frame > len(frames):
         raise ActivityFailed("refused", f"frame: got {call.frame}; expected at most {len(frames)}, which is the end")
     if call.frame == len(frames):

@@ -240,7 +240,7 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
             raise error(path, f"got {value!r}; expected a list of names")
         case Kind.CHOICE if value not in argument.choices:
             raise error(path, f"got {value!r}; expected one of {', '.join(argument.choices)}")
-        case Kind.GOALS | Kind.KEY_FRAMES:
+        case Kind.GOALS | Kind.KEY_FRAMES | Kind.ALONG:
             try:
                 read = msgspec.convert(value, SHAPES[argument.kind])
             except msgspec.ValidationError as problem:

@@ -30,7 +30,7 @@ from engines.run_clock import RunClock
 from engines.run_gate import RunGate
 from engines.run_history import RunHistory
 from engines.text import fill
-from handrail.messages import FrameGoal, GazeGoal
+from handrail.messages import Along, FrameGoal, GazeGoal
 from handrail.topics import Unreachable
 
 _INVOKE_TYPE = "handrail"
@@ -298,10 +298,10 @@ class Chart(Interpreter):
                 return argument.default if value is None else float(value)
             case Kind.VALUE:
                 return self._value(given)
-            case Kind.GOALS | Kind.KEY_FRAMES:
+            case Kind.GOALS | Kind.KEY_FRAMES | Kind.ALONG:
                 read = msgspec.convert(given, SHAPES[argument.kind])
                 for goal in goals_in(read):
-                    if isinstance(goal, FrameGoal | GazeGoal) and goal.instance:
+                    if isinstance(goal, FrameGoal | GazeGoal | Along) and goal.instance:
                         goal.instance = getattr(self.data, goal.instance)
                 return read
         return given

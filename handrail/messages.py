@@ -1603,14 +1603,31 @@ class KeyFrame(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     goals: Annotated[list[Goal], Meta(min_length=1, max_length=32)]
 
 
+class Along(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """A frame goes with a joint of an instance from where it is, as though it held it: a valve is turned, a door opened."""
+
+    instance: Name
+    joint: Name
+    by: float
+    """rad about the joint's axis, m along it"""
+    frame: str = ""
+    """empty: the arm's tool tip"""
+    about: Literal["", "x", "y", "z"] = ""
+    """turning about this axis of the frame is free"""
+    touch: bool = True
+    """the arm's tool may touch the instance"""
+
+
 @_travels(priority=1, remote=True)
 class PlanMotion(Message):
     """Plan a motion to goals that keeps clear of all instances and of the robot itself. Answered when the plan is there or found
     infeasible; which constraint is missed, and by how much, is told.
     """
 
-    goals: Annotated[list[Goal], Meta(min_length=1, max_length=32)]
-    """all of them, where the motion ends"""
+    goals: Annotated[list[Goal], Meta(max_length=32)] = []
+    """all of them, where the motion ends; at least one, or `along`"""
+    along: Along | None = None
+    """in place of goals and key frames"""
     arm: str = ""
     """whose joints move, and whose tip is meant by a frame that is not named; empty: the robot's only one, or `joints` say it"""
     joints: list[Name] = []

@@ -17,7 +17,7 @@ from engines.daemon_client import DaemonClient
 from engines.motion import Motion
 from engines.plans import PlanStore
 from engines.prompts import Prompts
-from handrail.messages import Goal, KeyFrame, PlanMotion, PointCloud
+from handrail.messages import Along, Goal, KeyFrame, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ class Kind(Enum):
     """the name of a process node (docs/nodes.md)"""
     PORTS = "ports"
     """port → a value, in which every text is an expression"""
+    ALONG = "joint to go with"
+    """a handrail.messages.Along, its instance the name of a resource"""
     KEY_FRAMES = "key frames"
     """a list of handrail.messages.KeyFrame"""
 
@@ -74,13 +76,13 @@ class Argument:
     """LIST: a msgspec type"""
 
 
-SHAPES: Mapping[Kind, Any] = {Kind.GOALS: list[Goal], Kind.KEY_FRAMES: list[KeyFrame]}
+SHAPES: Mapping[Kind, Any] = {Kind.GOALS: list[Goal], Kind.KEY_FRAMES: list[KeyFrame], Kind.ALONG: Along}
 """of arguments that are written as the messages that they become"""
 
 
-def goals_in(given: Sequence[Goal | KeyFrame]) -> Iterator[Goal]:
-    """All goals, those of key frames among them."""
-    for each in given:
+def goals_in(given: Sequence[Goal | KeyFrame] | Along) -> Iterator[Goal | Along]:
+    """All that may name an instance, the goals of key frames among them."""
+    for each in (given,) if isinstance(given, Along) else given:
         yield from each.goals if isinstance(each, KeyFrame) else (each,)
 
 

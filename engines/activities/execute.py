@@ -14,7 +14,7 @@ from affordance_templates.template import ResolvedWaypoint
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind, Services
 from engines.motion import Motion, MotionFailed
 from engines.plans import PlanRecord
-from handrail.messages import ActionEvent
+from handrail.messages import ActionEvent, Along
 from handrail.topics import RefusedError
 
 
@@ -83,6 +83,8 @@ def execute(
 
 def note_push(services: Services, record: PlanRecord, segment: str, ended: ActionEvent) -> float:
     """After a segment along the entry's arc, note where the instance's joint must be now. Returns by how much it moved, rad."""
+    if record.asked is not None and record.asked.along is not None:
+        return _note_along(services, record.asked.along, ended)
     if record.instance is None or record.trajectory is None:
         return 0.0
     waypoint, entry = waypoint_of(record, segment), record.trajectory.entry
@@ -98,6 +100,19 @@ def note_push(services: Services, record: PlanRecord, segment: str, ended: Actio
     except RefusedError as gone:
         raise ActivityFailed("stale", f"{record.instance.name} was removed while it was being used") from gone
     return after - joint.position
+
+
+def _note_along(services: Services, along: Along, ended: ActionEvent) -> float:
+    """What the tool held has gone with it, all the way if it was not stopped: else nobody knows how far."""
+    if ended.outcome != "done":
+        return 0.0
+    try:
+        instance = services.affordances.get(along.instance)
+        now = instance.resolve().joints[along.joint].position
+        services.affordances.set_joint(along.instance, along.joint, now + along.by)
+    except RefusedError as gone:
+        raise ActivityFailed("stale", f"{along.instance} was removed while it was being used") from gone
+    return along.by
 
 
 class ExecuteActivity(Activity):

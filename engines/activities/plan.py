@@ -13,8 +13,9 @@ _MOTION = ("goals", "through", "keep", "joints", "clearance")
 
 
 class PlanActivity(Activity):
-    """Plans one visit (`instance`, `trajectory`), or a motion (`goals`). The later strokes of a task pass the `arc` that the first
-    one chose.
+    """Plans one visit (`instance`, `trajectory`), or a motion (`goals`, or `along`).
+
+    The later strokes of a task pass the `arc` that the first one chose.
     """
 
     arguments = {
@@ -23,7 +24,8 @@ class PlanActivity(Activity):
         "arm": Argument(Kind.ARM),
         "arc": Argument(Kind.NUMBER, required=False, unit="rad"),
         "entry_shift": Argument(Kind.NUMBER, required=False, default=0.0, unit="rad"),
-        "goals": Argument(Kind.GOALS, required=False),
+        "goals": Argument(Kind.GOALS, required=False, default=()),
+        "along": Argument(Kind.ALONG, required=False),
         "through": Argument(Kind.KEY_FRAMES, required=False, default=()),
         "keep": Argument(Kind.GOALS, required=False, default=()),
         "joints": Argument(Kind.NAMES, required=False, default=()),
@@ -35,11 +37,14 @@ class PlanActivity(Activity):
     @classmethod
     def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
         """See Activity."""
+        if "along" in given:
+            odd = [name for name in (*_STROKE, "arc", "entry_shift", "goals", "through") if name in given]
+            return (odd[0], "beside along; expected one of both") if odd else ("", "")
         if "goals" in given:
             odd = [name for name in (*_STROKE, "arc", "entry_shift") if name in given]
             return (odd[0], "beside goals; expected one of both") if odd else ("", "")
         if missing := [name for name in _STROKE if name not in given]:
-            return missing[0], "missing; plan needs it (with instance, trajectory), or goals"
+            return missing[0], "missing; plan needs it (with instance, trajectory), or goals, or along"
         odd = [name for name in _MOTION if name in given]
         return (odd[0], "without goals; expected goals") if odd else ("", "")
 
@@ -49,9 +54,10 @@ class PlanActivity(Activity):
         self.services.daemon.hold_time(self.context.hold_s)
         values = self.values
         after = str(values["after"] or "")
-        if values["goals"]:
+        if values["goals"] or values["along"]:
             call = PlanMotion(
-                goals=values["goals"],
+                goals=list(values["goals"]),
+                along=values["along"],
                 arm=values["arm"],
                 through=list(values["through"]),
                 keep=list(values["keep"]),

@@ -107,7 +107,7 @@ class GoalReader:
                 raise ValueError(f"{where}.{name}: got {tuple(bounds)}; expected numbers, 0 or more")
         if not goal.angle <= math.pi:
             raise ValueError(f"{where}.angle: got {goal.angle}; expected 0 to π rad")
-        target = _message(self._base(goal, where) * placement_of(goal.pose))
+        target = message_of(self._base(goal, where) * placement_of(goal.pose))
         lower, upper = tuple(-x for x in goal.below), tuple(goal.above)
         bounded = not all(map(math.isinf, (*lower, *upper)))
         if not bounded and goal.angle == math.pi:
@@ -197,7 +197,8 @@ def _towards(axis: Sequence[float], direction: np.ndarray) -> np.ndarray:
     return pin.Quaternion.FromTwoVectors(np.array(axis), direction).toRotationMatrix()
 
 
-def _message(placement: pin.SE3) -> Pose:
+def message_of(placement: pin.SE3) -> Pose:
+    """A placement as messages say it."""
     x, y, z = placement.translation.tolist()
     a, b, c, d = pin.Quaternion(placement.rotation).coeffs().tolist()
     return Pose(position=(x, y, z), orientation=(a, b, c, d))

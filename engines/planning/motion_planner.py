@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning import constraints
+from engines.planning.along import Follow, touching
 from engines.planning.connect import Budget, Connector, Margins
 from engines.planning.goals import GoalReader, described
 from engines.planning.ik import constraints as kinds
@@ -39,7 +40,7 @@ from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
 from engines.planning.seen import Eyes, Seen
 from engines.planning.sweep import cubics
 from engines.planning.timing import Knots, Limits, parametrise
-from engines.planning.verification import Verified, Verifier
+from engines.planning.verification import BETWEEN, Verified, Verifier
 from engines.planning.world import World
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
@@ -83,6 +84,10 @@ class Motion:
     """what has no name: octrees of what cameras see"""
     clearance: float = 0.01
     """m"""
+    along: Follow | None = None
+    """in place of goals"""
+    touching: Sequence[tuple[str, str]] = ()
+    """pairs of names that may touch"""
     duration: float = 0.0
     """s, at least"""
     label: str = "motion"
@@ -129,12 +134,22 @@ class MotionPlanner:
         for field_name, value in {"clearance": call.clearance, "duration": call.duration}.items():
             if not np.isfinite(value):
                 raise ValueError(f"{field_name}: got {value}; expected a finite number")
+        if bool(call.goals) == (call.along is not None) or (call.along is not None and call.through):
+            raise ValueError("goals: expected at least one, or `along` without goals and key frames")
         moving = self._moving(call.joints) if call.joints else description.arms[arm].joints
         tip = description.arms[arm].tip if arm else ""
         reader = GoalReader(description, self.mechanism, {each.name: each for each in instances}, tip, moving)
         used = {goal.instance for goal in (*call.goals, *call.keep) if hasattr(goal, "instance")}
         used |= {goal.instance for frame in call.through for goal in frame.goals if hasattr(goal, "instance")}
         obstacles = [each for each in instances if each.name not in call.ignore]
+        follow, touched = None, list[tuple[str, str]]()
+        label = ", ".join(described(goal, tip) for goal in call.goals)
+        if call.along is not None:
+            follow = Follow.of(call.along, reader.instances, tip, self.mechanism)
+            used.add(call.along.instance)
+            label = f"{follow.frame} along {call.along.instance} {call.along.joint}"
+            if call.along.touch and arm:
+                touched = touching(self.mechanism, description.arms[arm].tool, call.along.instance)
         return Motion(
             goals=reader.constraints(call.goals, "goals"),
             moving=moving,
@@ -143,7 +158,9 @@ class MotionPlanner:
             obstacles=obstacles,
             clearance=call.clearance,
             duration=call.duration,
-            label=call.label or ", ".join(described(goal, tip) for goal in call.goals)[:120],
+            along=follow,
+            touching=touched,
+            label=call.label or label[:120],
             arm=arm,
             made_from={each.name: each.version for each in instances if each in obstacles or each.name in used},
         )
@@ -221,12 +238,14 @@ class _Search:
         self._planner, self._motion, self._start = planner, motion, start
         self._cancelled, self._progress = cancelled, progress
         mechanism = self._mechanism = planner.mechanism
+        self._data = mechanism.model.createData()
+        self._reached = motion.goals
         self._rows: Integers = mechanism.coordinate[[mechanism.row(joint) for joint in motion.moving]]
         self._lower, self._upper = (
             limit[[mechanism.row(joint) for joint in motion.moving]] for limit in (mechanism.lower, mechanism.upper)
         )
         solids = [*(solid for instance in motion.obstacles for solid in obstacles_of(instance)), *motion.seen]
-        allowed = planner._description.allowed_collision_pairs
+        allowed = [*planner._description.allowed_collision_pairs, *motion.touching]
         self._world = World(mechanism, solids, allowed, moving=motion.moving)
         self._connector = Connector(
             self._world, margins=Margins(motion.clearance, motion.clearance), cancelled=cancelled
@@ -284,6 +303,9 @@ class _Search:
     def _ways(self) -> Iterator[tuple[str, list[Array]]]:
         """Ways to try, (k, m) each between two stops."""
         motion = self._motion
+        if motion.along is not None:
+            yield "along", [self._followed(motion.along)]
+            return
         if motion.keep or motion.through:
             try:
                 yield "spline", [self._spline()]
@@ -292,6 +314,31 @@ class _Search:
                     raise
         if not motion.keep:
             yield from self._stop_by_stop()
+
+    def _frame(self, q: Array, name: str) -> pin.SE3:
+        """A frame in the world at q (nq,)."""
+        mechanism = self._mechanism
+        pin.forwardKinematics(mechanism.model, self._data, q)
+        return pin.SE3(pin.updateFramePlacement(mechanism.model, self._data, mechanism.frame_id(name)))
+
+    def _followed(self, follow: Follow) -> Array:
+        """(k, m), the frame going with its joint: each posture the nearest to the one before. Raises Infeasible, Cancelled."""
+        self._progress(f"way along {follow.asked.joint}")
+        here, rows = self._start, [self._start[self._rows]]
+        step = constraints.JOINT_STEP
+        for share, goals in follow.goals(self._frame(here, follow.frame)):
+            self._check()
+            where = f"{100 * share:.0f} % of the way along {follow.asked.joint}"
+            answer = self._planner._solver.solve(
+                [*goals, *self._motion.keep, *self._always], here, start=here, moving=self._motion.moving, starts=1
+            ).require(where)
+            jump = float(np.abs(answer.q - here).max())
+            if jump > step.bound:
+                raise Infeasible(step.name, jump - step.bound, step.unit, where, f"is {jump:.3g} {step.unit}")
+            here = answer.q
+            rows.append(here[self._rows])
+        self._reached = goals
+        return np.array(rows)
 
     # ------------------------------------------------------------------------------------------------ ways with stops only
 
@@ -377,9 +424,13 @@ class _Search:
         """Segments through the ways, verified, and s at which key frames are passed. Raises Infeasible."""
         self._progress("time, and a check of all of it")
         motion = self._motion
-        whole = name == "spline"
-        reached = [motion.goals] if whole else [*motion.through, motion.goals]
-        names = ["goals"] if whole else [*(f"through {n}" for n in range(1, len(ways))), "goals"]
+        whole = name != "goals"
+        reached = [self._reached] if whole else [*motion.through, motion.goals]
+        names = (
+            [name if name == "along" else "goals"]
+            if whole
+            else [*(f"through {n}" for n in range(1, len(ways))), "goals"]
+        )
         lengths = np.array([max(float(np.abs(np.diff(way, axis=0)).sum(axis=0).max()), 1e-9) for way in ways])
         verifier = Verifier(self._world, self._planner._solver.checker)
         segments, verified = [], []
@@ -396,6 +447,8 @@ class _Search:
             measures = (*found.measures, carried, *self._met(goals, knots))
             segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
         ends = np.cumsum([segment.duration for segment in segments])
+        if motion.along is not None:
+            self._stays(motion.along, segments[0])
         passed = self._passes(segments[0]) if whole else tuple(ends[:-1].tolist())
         return tuple(segments), verified, passed
 
@@ -430,6 +483,14 @@ class _Search:
             pin.forwardKinematics(model, data, q)
             places.append(pin.updateFramePlacement(model, data, tip).translation.copy())
         return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / _TIP_SPEED if len(places) > 1 else 0.0
+
+    def _stays(self, follow: Follow, segment: Segment) -> None:
+        """Raise Infeasible where the frame leaves the way that the joint leads it on, also between what was solved for."""
+        start = self._frame(self._start, follow.frame)
+        off = [follow.missed(start, self._frame(q, follow.frame)) for q in self._whole(segment.positions)]
+        if max(off) > BETWEEN * LENGTH:
+            where = f"{segment.times[int(np.argmax(off))]:.3g} s"
+            raise Infeasible(f"along {follow.asked.joint} ({follow.frame})", max(off), "m", segment.name, f"at {where}")
 
     def _passes(self, segment: Segment) -> tuple[float, ...]:
         """s at which a segment comes by every key frame, in their order. Raises Infeasible unless it does."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -312,6 +313,8 @@ class FakePlanner:
         self.asked.append({"call": call, "instances": names, "position": position.copy(), "seeds": list(seeds)})
         if self.infeasible:
             raise Infeasible("elbow limit", 0.12, "rad")
+        if call.along is not None:
+            call = msgspec.structs.replace(call, goals=[m.JointsGoal(positions={"angle": position[0] + call.along.by})])
         goal = call.goals[0]
         there = goal.positions if isinstance(goal, m.JointsGoal) else {"angle": position[0] + 0.3}
         end = np.array([there.get(joint, here) for joint, here in zip(JOINTS[:2], position[:2], strict=True)])

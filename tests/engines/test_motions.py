@@ -117,6 +117,45 @@ def test_a_program_plans_to_goals_at_the_instance_that_it_is_bound_to_and_ahead(
     assert np.allclose(daemon.command, [0.3, -0.1, 0.0])
 
 
+ALONG = """\
+title: Turn it in the hand
+resources:
+  arm: {kind: arm}
+  valve: {kind: instance, template: wheel}
+variables: {plan: "", turned: 0.0}
+states:
+  planning:
+    do: plan
+    with: {arm: arm, along: {instance: valve, joint: hinge, by: 0.4, about: z}}
+    transitions:
+      - {event: done.invoke.planning, target: going, set: {plan: _event.data.plan}}
+      - {event: error.execution, target: failed}
+  going:
+    do: execute
+    with: {plan: plan}
+    transitions:
+      - {event: done.invoke.going, target: good, set: {turned: _event.data.turned}}
+      - {event: error.execution, target: failed}
+  good: {final: true, outcome: succeeded, detail: "{turned:.1f}"}
+  failed: {final: true, outcome: failed, detail: "{failure}"}
+"""
+
+
+def test_a_joint_that_a_tool_went_with_is_believed_to_have_moved(stack, planner, tmp_path, monkeypatch):
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    (tmp_path / "rtc_programs").mkdir()
+    (tmp_path / "rtc_programs" / "turn.yaml").write_text(ALONG)
+    stack.place()
+    deployed = stack.call(m.Deploy(program="turn", bindings={"arm": "right", "valve": "wheel_1"}))
+    assert stack.call(m.CheckTask(deployment=deployed.id)).feasible
+    assert stack.call(m.GetInstances()).instances[0].joint_state == {"hinge": 0.0}, "a rehearsal turns nothing"
+    stack.call(m.Run(deployment=deployed.id))
+    end = stack.ended()
+    assert (end.status, end.detail) == ("succeeded", "0.4")
+    assert planner.asked[-1]["call"].along == m.Along(instance="wheel_1", joint="hinge", by=0.4, about="z")
+    assert stack.call(m.GetInstances()).instances[0].joint_state["hinge"] == pytest.approx(0.4)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [

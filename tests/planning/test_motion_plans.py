@@ -20,6 +20,7 @@ from engines.planning.planners import Planners
 from engines.planning.timing import Knots, Limits, accelerations, peak_velocities
 from engines.planning.verification import Verifier
 from handrail.messages import (
+    Along,
     FrameGoal,
     GazeGoal,
     JointsGoal,
@@ -211,9 +212,56 @@ def test_what_is_kept_is_kept_all_the_way(bench):
     assert caught.value.unit == "rad"
 
 
+@pytest.fixture(scope="module")
+def engaged(bench, wheel_at):
+    """A wheel, and all joints where the tool is in it."""
+    wheel = wheel_at(np.array([0.55, -0.35, 0.3]), np.zeros(3), joint_state={"hinge": 0.3})
+    deep = FrameGoal(instance="wheel_1", pose=Pose(position=(0.02, 0.0, -0.1)), about="z", angle=0.1)
+    deep.pose.orientation = tuple(pin.Quaternion.FromTwoVectors(np.array([0, 0, -1.0]), np.array([1.0, 0, 0])).coeffs())
+    return wheel, bench.positions(bench.plan([wheel], goals=[deep], ignore=["wheel_1"]))[-1]
+
+
+@pytest.mark.parametrize(("about", "joints"), [("z", []), ("", ["arm_right", "torso"])])
+def test_a_tool_goes_with_the_joint_that_it_holds_along_all_of_the_way(bench, engaged, in_world, about, joints):
+    wheel, position = engaged
+    along = Along(instance="wheel_1", joint="hinge", by=-0.7, about=about)
+    plan = bench.plan([wheel], position=position, along=along, joints=joints)
+    start, hinge = bench.frame(position), in_world(wheel)
+    rows = bench.description.index(plan.joints)
+    for knots in plan.segments[0].positions[::6]:
+        here = position.copy()
+        here[rows] = knots
+        tip = hinge.actInv(bench.frame(here).translation)
+        assert math.hypot(tip[1], tip[2]) == pytest.approx(0.1, abs=0.002) and tip[0] == pytest.approx(0.02, abs=0.002)
+    turn = hinge * pin.SE3(pin.rpy.rpyToMatrix(-0.7, 0, 0), np.zeros(3)) * hinge.inverse()
+    wanted, end = turn * start, bench.frame(_end(plan, position, rows))
+    assert np.linalg.norm(end.translation - wanted.translation) < 3 * LENGTH
+    turned = pin.log3(wanted.rotation.T @ end.rotation)
+    assert np.linalg.norm(turned[:2] if about else turned) < 3 * ANGLE
+    assert plan.made_from == {"wheel_1": 1} and plan.label == "tool_right_tip along wheel_1 hinge"
+
+
+def _end(plan: Plan, position: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    there = position.copy()
+    there[rows] = plan.segments[-1].positions[-1]
+    return there
+
+
+def test_what_a_joint_leads_out_of_reach_is_told_by_how_much_of_the_way_is_done(bench, engaged):
+    wheel, position = engaged
+    with pytest.raises(Infeasible, match=r"\d+ % of the way along hinge: "):
+        bench.plan([wheel], position=position, along=Along(instance="wheel_1", joint="hinge", by=6.0))
+    with pytest.raises(Infeasible, match=r"where the robot stands: clearance \(tool_right and .* of wheel_1\)"):
+        bench.plan([wheel], position=position, along=Along(instance="wheel_1", joint="hinge", by=0.3, touch=False))
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        ({}, "goals: expected at least one, or `along`"),
+        ({"along": Along(instance="wheel", joint="hinge", by=1.0)}, "along.instance: got 'wheel'; expected one of wheel_1"),
+        ({"along": Along(instance="wheel_1", joint="axle", by=1.0)}, "along.joint: got 'axle'; expected one of hinge"),
+        ({"along": Along(instance="wheel_1", joint="hinge", by=math.nan)}, "along.by: got nan; expected a finite number"),
         ({"goals": [FrameGoal(pose=Pose(position=(0.4, math.nan, 0.3)))]}, r"goals\[0\].pose.position: got .*nan.*finite"),
         ({"goals": [FrameGoal(pose=Pose(orientation=(0, 0, 0, 0)))]}, r"goals\[0\].pose.orientation: .*unit quaternion"),
         ({"goals": [FrameGoal(pose=NOWHERE, angle=4.0)]}, r"goals\[0\].angle: got 4.0; expected 0 to π"),

@@ -1380,7 +1380,7 @@ class PlanWaypoint(msgspec.Struct, kw_only=True):
     """How well a segment's end meets what was asked for, and what the way to it keeps at its worst. None: was not measured."""
 
     name: str
-    """of its segment"""
+    """of its segment; or `key frame` and its number, where one is passed on the way"""
     time: float
     """s from the plan's start, when it is reached"""
     residual: float | None = None
@@ -1464,7 +1464,7 @@ class PlanPreview(Message):
     """s"""
     arm: str = ""
     waypoints: list[PlanWaypoint] = []
-    """one a segment"""
+    """one a segment, and one a key frame that is passed on it"""
     key_times: list[float] = []
     """s from the plan's start, when a motion passes each of its key frames (EditPlan)"""
     origin: PlanOrigin | None = None

@@ -43,6 +43,14 @@ class Measure:
         """The same later, s."""
         return Measure(self.name, self.times + by, self.values, self.about)
 
+    def within(self, begin: float, end: float) -> Measure | None:
+        """Its samples from `begin` to `end`, s; None where there are none."""
+        rows = np.flatnonzero((self.times >= begin - 1e-9) & (self.times <= end + 1e-9))
+        if not len(rows):
+            return None
+        about = tuple(self.about[row] for row in rows) if self.about else ()
+        return Measure(self.name, self.times[rows], self.values[rows], about)
+
     def worst(self) -> Worst:
         """The worst sample, the first of equal ones."""
         row = int(self.values.argmin() if self.name in _LEAST_IS_WORST else self.values.argmax())

@@ -119,8 +119,19 @@ class Plan:
 
     @cached_property
     def waypoints(self) -> list[PlanWaypoint]:
-        """One a segment: what the way to it keeps at its worst, and how well it is met."""
-        return [_waypoint(segment, start) for segment, start in zip(self.segments, self.starts, strict=True)]
+        """One a segment and one a key frame that is passed on it: what the way to it keeps at its worst, and how well it is met."""
+        found = []
+        for segment, start in zip(self.segments, self.starts, strict=True):
+            passed = [
+                (f"key frame {number}", time - start)
+                for number, time in enumerate(self.key_times)
+                if start + 1e-6 < time < start + segment.duration - 1e-6
+            ]
+            begin = 0.0
+            for name, end in (*passed, (segment.name, segment.duration)):
+                found.append(_waypoint(segment, start, name, begin, end))
+                begin = end
+        return found
 
     @cached_property
     def _ghost(self) -> list[PlanSegment]:
@@ -148,23 +159,27 @@ class Plan:
         )
 
 
-def _waypoint(segment: Segment, start: float) -> PlanWaypoint:
-    measures = {measure.name: measure for measure in segment.measures}
+def _waypoint(segment: Segment, start: float, name: str, begin: float, end: float) -> PlanWaypoint:
+    """Of the part of a segment from `begin` to `end` s after its own start, at `start` s of the plan."""
+    measures = {measure.name: measure.within(begin, end) for measure in segment.measures}
 
     def worst(name: str) -> PlanWorst | None:
-        if name not in measures:
+        measure = measures.get(name)
+        if measure is None:
             return None
-        found = measures[name].worst()
+        found = measure.worst()
         if not np.isfinite(found.value):  # nothing was near at all
             return None
         return PlanWorst(value=round(found.value, 4), time=round(start + found.time, 3), about=found.about)
 
     def met(name: str) -> float | None:
-        return round(float(measures[name].values[-1]), 5) if name in measures else None
+        measure = measures.get(name)
+        at_end = measure is not None and measure.times[-1] >= end - 1e-6
+        return round(float(measure.values[-1]), 5) if measure is not None and at_end else None
 
     return PlanWaypoint(
-        name=segment.name,
-        time=round(start + segment.duration, 3),
+        name=name,
+        time=round(start + end, 3),
         residual=met(RESIDUAL),
         tilt=met(TILT),
         clearance=worst(CLEARANCE),

@@ -179,6 +179,8 @@ def plot(
     keys: Keys = None,
 ) -> None:
     """Draw joints, clearance, margins, residual and torque over time, and the tool's way in space."""
+    if not png.parent.is_dir():
+        raise typer.BadParameter(f"got {png}; expected a file in a folder that exists", param_hint="--png")
     found = _found(plan, connect_to, keys)
     try:
         from handrail.plan.picture import draw
@@ -262,7 +264,7 @@ def _show(plan: PlanPreview) -> None:
     for waypoint in plan.waypoints:
         cells = []
         for measure in _COLUMNS:
-            style = "bold red" if waypoint is worst[measure] else ""
+            style = "bold red" if waypoint is worst[measure] and len(plan.waypoints) > 1 else ""
             cells.append(Text(figure_of(measure, value_of(waypoint, measure)), style, justify="right"))
         table.add_row(waypoint.name, f"{waypoint.time:.2f}", *cells)
     _out.print(table)

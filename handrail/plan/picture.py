@@ -226,7 +226,7 @@ def _table(axes: Axes, plan: PlanPreview) -> None:
         table[0, column].get_text().set_color(_MUTED)
     for column, name in ((3, "residual"), (4, "clearance"), (5, "limit_margin"), (6, "torque_share")):
         worst = worst_of(plan, name)
-        if worst is not None:
+        if worst is not None and len(plan.waypoints) > 1:
             text = table[plan.waypoints.index(worst) + 1, column].get_text()
             text.set_color(WORST_COLOUR)
             text.set_fontweight("bold")

@@ -115,7 +115,7 @@ def test_what_can_not_be_shown_says_why(stack, handrail, tmp_path, monkeypatch):
     handrail("make", "wheel_1", "turn")
     assert "expected one of turn" in handrail("make", "wheel_1", "open").output
     nowhere = handrail("plot", "last", "--png", tmp_path / "no folder" / "plan.png")
-    assert nowhere.exit_code == 1 and "no folder" in nowhere.output
+    assert nowhere.exit_code == 2 and "folder that exists" in nowhere.output
 
     def away(address, keys):
         raise Unreachable("nobody is there")

@@ -55,6 +55,13 @@ def test_the_way_passes_the_place_that_it_was_dragged_to(services, kinematics):
     (when,) = shown.key_times
     assert np.linalg.norm(tip(services, kinematics, once.plan, when) - raised) < 2e-3
     assert np.linalg.norm(tip(services, kinematics, once.plan, once.plan.duration) - goal) < 1e-3
+    assert [(waypoint.name, waypoint.time) for waypoint in shown.waypoints] == [
+        ("key frame 0", when),
+        ("goals", pytest.approx(once.plan.duration, abs=1e-3)),
+    ]
+    assert min(waypoint.clearance.value for waypoint in shown.waypoints) == pytest.approx(once.plan.clearance, abs=1e-4)
+    assert shown.waypoints[0].residual is None and shown.waypoints[1].residual < 1e-3
     for waypoint in shown.waypoints:
+        assert waypoint.time - once.plan.duration <= 1e-3 and waypoint.clearance.time <= waypoint.time + 1e-3
         assert waypoint.torque_share is not None and 0.0 < waypoint.torque_share.value < 1.0
         assert waypoint.torque_share.about in once.plan.joints

@@ -6,13 +6,23 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.controllers.references import HermitePath, PathClock
 from daemon.exchange import ActionState, Answer, Kind, Outcome
-from handrail.messages import CompliantMotion, Dither, JointStream, JointTrajectory, Step, TimeEnd
+from handrail.messages import (
+    CartesianImpedance,
+    CompliantMotion,
+    Dither,
+    JointStream,
+    JointTrajectory,
+    Pose,
+    Step,
+    TimeEnd,
+)
 
 PERIOD = 0.002
 SHIFT = np.array([0.2, -0.15, 0.25, 0.4, 0.5, -0.3, 0.4])
@@ -89,6 +99,35 @@ def test_speed_pause_and_resume_in_mid_motion_stay_within_velocity_acceleration_
     rows = [bench.index(joint) for joint in motion.joints]
     assert bench.loop.written.position[rows] == pytest.approx(motion.positions[-1], abs=1e-6)
     assert bench.snapshot()["limited"] == 0
+
+
+def test_a_tools_line_is_slowed_down_stopped_and_gone_on_with_within_the_joints_limits(
+    enabled: Any, talos_kinematics: Any
+) -> None:
+    bench, of = enabled, enabled.description
+    tip = talos_kinematics.frame(bench.loop.written.position, "tool_right_tip")
+    there = tip.translation + np.array([0.08, -0.08, 0.1])
+    goal = Pose(position=tuple(there.tolist()), orientation=tuple(pin.Quaternion(tip.rotation).coeffs().tolist()))
+    right = list(of.arms["right"].joints)
+    motion = CartesianImpedance(frame="tool_right_tip", joints=right, goal_in_world=goal, duration=0.7)
+    told: list[np.ndarray] = []
+    serial = bench.post_start(motion)
+    record(bench, 90, told)
+    for kind, value, cycles in ((Kind.SET_SPEED, 0.1, 90), (Kind.SET_SPEED, 1.0, 90), (Kind.PAUSE, 0.0, 300)):
+        bench.post(kind, action=serial, value=value)
+        record(bench, cycles, told)
+    assert bench.action()[0] is ActionState.PAUSED
+    bench.post(Kind.RESUME, action=serial)
+    while bench.action()[0] is not ActionState.ENDED:
+        record(bench, 1, told)
+        assert len(told) < 2000
+    assert bench.action()[1] is Outcome.DONE
+    velocity, acceleration, jerk = rates(told[2:-2])  # at its ends another controller's command takes over
+    assert (velocity <= of.velocity_limit).all()
+    assert (acceleration <= of.acceleration_limit).all()
+    assert (jerk <= of.jerk_limit).all()
+    reached = talos_kinematics.frame(told[-2], "tool_right_tip").translation
+    assert reached == pytest.approx(there, abs=2e-3)
 
 
 def test_no_change_of_speed_makes_the_torque_jump_more_than_the_motion_does(enabled: Any) -> None:

@@ -12,7 +12,8 @@ from daemon.exchange import Answer, Flag, Outcome, Rule
 from daemon.safety.balance import PATIENCE, BalanceWatch
 from daemon.safety.keepalive import Keepalives, Stage
 from daemon.safety.ledger import GUARDS, Ledger
-from daemon.safety.rules import isolated_with
+from daemon.safety.rules import Trip, isolated_with, latched, overrun, stranger
+from daemon.safety.stop_socket import StopRequest
 from daemon.state.base_state import BaseSource
 from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand
@@ -49,11 +50,20 @@ class Life:
         self._balance, self._period = BalanceWatch(manager.robot.period), manager.robot.period
         self._falling_for = -1
         """cycles since the robot fell, while it is damped"""
-        self.stopped = False
-        self.stop_reason = ""
+        self._latched: str | None = None
         self._isolated = False
         self.ledger = Ledger()
         self.keepalives = Keepalives()
+
+    @property
+    def stopped(self) -> bool:
+        """The operator stop is latched."""
+        return self._latched is not None
+
+    @property
+    def stop_reason(self) -> str:
+        """Why it is; "": it is not, or nobody said."""
+        return self._latched or ""
 
     @property
     def enabled(self) -> bool:
@@ -80,7 +90,7 @@ class Life:
         """The bits of the snapshot (exchange.Flag) that are about this."""
         # Plain numbers: this runs in every cycle, and flags of an enum cost microseconds.
         flags = _ENABLED if self._manager.enabled else 0
-        if self.stopped:
+        if self._latched is not None:
             flags |= _STOPPED
         if self._enabling_for >= 0:
             flags |= _ENABLING
@@ -99,10 +109,10 @@ class Life:
         silent = self._hardware.first_silent()
         if silent >= 0:
             return Refusal(Answer.DRIVE_FAULT, silent)
-        stranger = self._hardware.first_stranger()
-        if stranger >= 0:
-            version = float(self._hardware.protocol_version[stranger])
-            return Refusal(Answer.PROTOCOL_MISMATCH, stranger, version)
+        strange = self._hardware.first_stranger()
+        if strange >= 0:
+            version = float(self._hardware.protocol_version[strange])
+            return Refusal(Answer.PROTOCOL_MISMATCH, strange, version)
         unknown = self._hardware.first_unknown()
         if unknown >= 0:
             return Refusal(Answer.PROTOCOL_UNKNOWN, unknown)
@@ -118,19 +128,19 @@ class Life:
 
     def stop(self, reason: str) -> None:
         """Operator stop: every drive quick-stops, and stays so until `clear_stop` and then `enable`."""
-        if not self.stopped:
-            self.stopped, self.stop_reason = True, reason
+        held, self._latched = self._latched, latched(self._latched, StopRequest(True, reason))
+        if held is None:
             self.ledger.trip(Rule.OPERATOR_STOP, holds=True)
         self._fall_to(Goal.QUICK_STOP, Outcome.STOPPED)
 
     def missed(self, in_a_row: int) -> None:
         """The loop has missed so many periods: the robot is stopped where its description does not allow that."""
-        if 0 < self._most_misses <= in_a_row and self.enabled:
-            self.stop(f"the loop missed {in_a_row} periods in a row; control.stop_after_misses is {self._most_misses}")
+        if asked := overrun(in_a_row, self._most_misses, self.enabled):
+            self.stop(asked.reason)
 
     def clear_stop(self) -> None:
         """Unlatch the operator stop. Nothing moves, drives stay as they are."""
-        self.stopped, self.stop_reason = False, ""
+        self._latched = latched(self._latched, StopRequest(False, ""))
         self.ledger.release(Rule.OPERATOR_STOP)
 
     def update(self, last: JointCommand, time_ns: int) -> None:
@@ -139,9 +149,9 @@ class Life:
         if self.keepalives.bound:
             self._watch_keepalives(time_ns)
         if self._manager.enabled:
-            if (stranger := hardware.first_stranger()) >= 0 and not hardware.isolated[stranger]:
-                self.ledger.trip(Rule.PROTOCOL, stranger, holds=True)
-                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, stranger)
+            if hardware.first_stranger() >= 0 and (no := self._stranger()):
+                self.ledger.trip(no.rule, no.joint, no.value, no.limit, holds=True)
+                self._fall_to(Goal.QUICK_STOP, Outcome.DRIVE_FAULT, no.joint)
             elif (lost := hardware.first_lost()) >= 0:
                 if self._falling_for >= 0:  # the rest would be held, stiffly
                     self.ledger.trip(Rule.DRIVE_FAULT, lost, holds=True)
@@ -218,6 +228,11 @@ class Life:
                 self._actions.lose_owner(owner)
             elif stage is Stage.DAMPING and self._manager.enabled:
                 self._fall_to(Goal.QUICK_STOP, Outcome.OWNER_LOST)
+
+    def _stranger(self) -> Trip | None:
+        spoken, hardware = self._hardware.protocol_version, self._hardware
+        expected = np.array([hardware.expected_protocol_version(joint) for joint in range(len(spoken))])
+        return stranger(spoken, expected, hardware.isolated)
 
     def quick_stop(self, joint: int) -> None:
         """Something that must not happen has: there is no command for `joint` that could be written."""

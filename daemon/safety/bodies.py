@@ -1,6 +1,6 @@
 """A robot's bodies as the guard sees them: convex, of few vertices, fitted once to the collision shapes of its URDF.
 
-Each shape becomes some vertices of its convex hull, rounded by a radius so that the whole hull lies inside: at most `_ROUNDING` m
+Each shape becomes some vertices of its convex hull, rounded by a radius so that the whole hull lies inside: at most `ROUNDING` m
 where `_VERTICES` suffice. What a gripper moves counts as a part of the link that carries the gripper, in all places that it may
 have. The fit takes a second or two, and is kept in the user's cache under a hash of all that it is made from.
 """
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from daemon.safety.braking import at_most
 from daemon.safety.separation import AXIS, HALF_SPACE, PLACEMENT, REACH, SELF, Kept
-from handrail.robot.guarding import HalfSpace, KeepOut, Region
+from handrail.robot.guarding import ROUNDING, HalfSpace, KeepOut, Region
 from handrail.robot.kinematics import Kinematics
 from handrail.robot.urdf import cache_folder, cached
 
@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 _VERSION = "2"
 """part of the cache's key: raise it when what is fitted changes"""
 _VERTICES = 100
-_ROUNDING = 0.004
 _CORNERS = 12
 """of a cylinder's ends"""
 _NEAR_IN_TREE = 2
@@ -339,7 +338,7 @@ def _simplified(points: Array) -> tuple[Array, float]:
         # How far out of the hull, by the planes of its faces: no more than the distance, which is asked for at the end.
         out = (corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
         worst = int(np.argmax(out))
-        if out[worst] <= 0.8 * _ROUNDING or len(kept) >= _VERTICES:
+        if out[worst] <= 0.8 * ROUNDING or len(kept) >= _VERTICES:
             break
         kept.append(worst)
         hull.add_points(corners[worst : worst + 1])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from daemon.exchange import Rule
 from daemon.safety.bounds import DIVERGED, STALE
+from daemon.safety.stop_socket import StopRequest
 from hal.drives.rows import joint_state
 from hal.joint import JointState
 from handrail.compiled import compiled
@@ -50,6 +51,32 @@ def unsafe(seen: Followed) -> Trip | None:
     if not seen.off <= DIVERGED:
         return Trip(Rule.DIVERGED, seen.farthest, seen.off, DIVERGED)
     return None
+
+
+def latched(held: str | None, asked: StopRequest) -> str | None:
+    """Why the operator stop holds the robot after one more request, None: it does not. The first reason stays until a clear."""
+    if not asked.stop:
+        return None
+    return asked.reason if held is None else held
+
+
+def overrun(in_a_row: int, most: int, enabled: bool) -> StopRequest | None:
+    """The operator stop that the loop itself asks for: it missed so many periods in a row; `most`: allowed, 0: any number."""
+    if not enabled or not 0 < most <= in_a_row:
+        return None
+    return StopRequest(True, f"the loop missed {in_a_row} periods in a row; control.stop_after_misses is {most}")
+
+
+def stranger(spoken: Array, expected: NDArray[np.int64], isolated: NDArray[np.bool_]) -> Trip | None:
+    """The rule by which all drives stop when one of them says another protocol version than is expected.
+
+    `spoken` (n,), NaN: it has not said; `expected` (n,), 0: its family has none; `isolated` (n,): these are stopped already.
+    """
+    strange = (expected > 0) & ~isolated & ~np.isnan(spoken) & (spoken != expected)
+    if not strange.any():
+        return None
+    joint = int(np.argmax(strange))
+    return Trip(Rule.PROTOCOL, joint, float(spoken[joint]), float(expected[joint]))
 
 
 def expired(expires_ns: int, time_ns: int) -> Trip | None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from engines.planning.plan import Infeasible
+from handrail.robot.guarding import Guarding
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ MANIPULABILITY = Constraint("manipulability", "m/rad", 0.04, 0.12, at_least=True
 """smallest singular value of the tip's position Jacobian over the arm's own joints"""
 TORQUE = Constraint("joint torque under gravity and the contact force", "of the limit", 0.85, 0.5, at_least=False)
 CLEARANCE = Constraint("clearance from the template's object", "m", 0.02, 0.04, at_least=True)
-SELF_CLEARANCE = Constraint("clearance of the robot from itself", "m", 0.01, 0.04, at_least=True)
+SELF_CLEARANCE = Constraint("clearance of the robot from itself", "m", Guarding().planned, 0.04, at_least=True)
+"""what the loop's guard wants, and some more, so that it stops nothing which was planned"""
 
 Measures = Mapping[Constraint, float]
 

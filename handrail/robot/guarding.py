@@ -6,6 +6,8 @@ from typing import Annotated
 
 import msgspec
 
+ROUNDING = 0.004
+"""m by which the guard may take a body for larger than its hull is"""
 Metres = Annotated[float, msgspec.Meta(ge=-20, le=20)]
 Margin = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
@@ -59,3 +61,12 @@ class Guarding(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=
     margin: Margin = 0.01
     """m, between two of its bodies"""
     regions: tuple[Region, ...] = ()
+
+    @property
+    def planned(self) -> float:
+        """m that a plan keeps between two of its bodies, so that the guard lets the robot stand wherever the plan leads it."""
+        return self.margin + 2.0 * ROUNDING + _FOLLOWED
+
+
+_FOLLOWED = 0.001
+"""m that commands between a plan's rows may be nearer"""

@@ -20,6 +20,7 @@ from daemon.safety.bounds import DIVERGED, STALE
 from daemon.safety.report import safety_report
 from daemon.safety.rules import Followed, followed, isolated_with, unsafe
 from daemon.safety.separation import PUSHED_BY
+from daemon.safety.stop_socket import StopRequest
 from daemon.safety.table import TABLE, markdown
 from daemon.serving.drive_reports import drive_problems
 from hal.drives.lifecycle import State
@@ -186,6 +187,41 @@ def self_collision(bench: Any) -> None:
 
 def workspace(bench: Any) -> None:
     brakes_and_latches(bench, Rule.WORKSPACE, "arm_right_4_joint", 1.2, "tool_right and wall")
+
+
+def test_the_operator_stop_latches_with_its_first_reason_until_it_is_cleared() -> None:
+    stop, again, clear = StopRequest(True, "fire"), StopRequest(True, ""), StopRequest(False, "")
+    timeline = [(clear, None), (stop, "fire"), (again, "fire"), (clear, None), (again, ""), (stop, ""), (clear, None)]
+    held = None
+    for asked, then in timeline:
+        held = rules.latched(held, asked)
+        assert held == then
+
+
+@pytest.mark.parametrize(
+    ("in_a_row", "most", "enabled", "stops"),
+    [(3, 3, True, True), (2, 3, True, False), (9, 0, True, False), (9, 3, False, False)],
+)
+def test_missed_periods_stop_a_robot_that_is_enabled_and_does_not_allow_them(
+    in_a_row: int, most: int, enabled: bool, stops: bool
+) -> None:
+    asked = rules.overrun(in_a_row, most, enabled)
+    assert (asked is not None) is stops
+    assert asked is None or (asked.stop and f"missed {in_a_row} periods" in asked.reason)
+
+
+def test_a_drive_of_another_protocol_stops_all_but_where_it_is_isolated_already() -> None:
+    expected, nobody, first = np.array([2, 2, 0, 2]), np.zeros(4, bool), np.array([True, False, False, False])
+    timeline = [
+        ([2.0, np.nan, 7.0, 2.0], nobody, None),
+        ([3.0, 2.0, 7.0, 2.0], nobody, (0, 3.0)),
+        ([3.0, 2.0, 7.0, 2.0], first, None),
+        ([3.0, 2.0, 7.0, 1.0], first, (3, 1.0)),
+    ]
+    for spoken, isolated, then in timeline:
+        no = rules.stranger(np.array(spoken), expected, isolated)
+        assert (no and (no.joint, no.value)) == then
+        assert no is None or (no.rule is Rule.PROTOCOL and no.limit == 2.0)
 
 
 def test_an_arm_that_is_pushed_off_its_command_is_guarded_where_it_is(

@@ -59,10 +59,10 @@ class Guard:
             self._latched, self._excuses = False, True
         if self._brakes:
             self._let_go(last)
+        self._braking.begin_cycle()
         if self._excuses:
             self._excuses = False
             self._judge(command, command, EXCUSING)
-            self._braking.look(self._moving, 0.0)
         found, duration, pushed = self._judge(command, last, COMMANDED)
         if found and self._brake(self._kept.trips[:found], last):
             return True
@@ -73,13 +73,16 @@ class Guard:
         ):
             return True
         self._speed[:], self._duration = self._moving[1], duration
-        self._braking.update(self._moving, duration)
         return False
 
     def _judge(self, command: JointCommand, last: JointCommand, look: int) -> tuple[int, float, bool]:
-        told = (command.table, last.table, self._robot.joints.table, self._braking.limits)
-        kept = self._pushed if look == PUSHED else self._kept
-        return judge(*told, *self._bodies.tables, *kept, self._robot.period, look)  # type: ignore[no-any-return]
+        """See `judge`: by the most that braking can need, and if somebody would have to brake, by what it needs here."""
+        braking, kept = self._braking, self._pushed if look == PUSHED else self._kept
+        told, where = (command.table, last.table, self._robot.joints.table), (*self._bodies.tables, *kept)
+        found, duration, pushed = judge(*told, braking.limits, *where, self._robot.period, look)
+        if found and look != EXCUSING and braking.look(kept.moving, duration):
+            found, duration, pushed = judge(*told, braking.limits, *where, self._robot.period, look)
+        return found, duration, pushed
 
     def _brake(self, trips: Array, last: JointCommand) -> bool:
         joints = np.unique(np.concatenate([self._bodies.between(int(pair)) for pair in trips[:, 0]]))

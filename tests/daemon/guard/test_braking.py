@@ -31,10 +31,10 @@ def test_braking_by_the_present_inertia_is_shorter_and_its_torques_are_those_tha
             told = (command.table, last.table, state.table, braking.limits)
             return judge(*told, *bodies.tables, *kept, period, COMMANDED)[1]
 
-        worst = takes = duration()
-        for _ in range(3):  # where braking ends depends on how long it takes
-            braking.look(kept.moving, takes)
-            takes = duration()
+        worst = duration()
+        assert braking.look(kept.moving, worst)
+        assert not braking.look(kept.moving, worst), "it has just been done"
+        takes = duration()
         shares.append(takes / worst)
         way, rate, slope = takes * (u - u**3 + 0.5 * u**4), 1.0 - u * u * (3.0 - 2.0 * u), -6.0 * u * (1.0 - u) / takes
         torque = kinematics.inverse_dynamics(

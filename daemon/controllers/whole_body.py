@@ -15,7 +15,7 @@ from daemon.wbc import moving
 from daemon.wbc.composition import CompoundTask
 from daemon.wbc.handle import Handle
 from daemon.wbc.hierarchy import WholeBody
-from daemon.wbc.impedance import ImpedanceOutput
+from daemon.wbc.impedance import Easing, ImpedanceOutput
 from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, Over, Reference, StreamedPose
 from daemon.wbc.standing import NotStandingError, standing_on, upright
@@ -87,6 +87,8 @@ class WholeBodyControl(MotionController):
             task.frame: (place, task) for place, task in enumerate(framed) if isinstance(task, CartPos | SE3)
         }
         self._solution = self.body.memory["out"]
+        torques = np.ascontiguousarray(model.model.effortLimit[self._rows])
+        self._easing = Easing(torques, self.body.memory, period)
         self._unsolved = 0
 
     @property
@@ -116,6 +118,7 @@ class WholeBodyControl(MotionController):
         ]
         self._leashes = Leashes(self.body, self._handles, references, self.clock, REACH, TURN)
         self._output.start(last.position[self.joints], last.velocity[self.joints])
+        self._easing.start()
         self._seen[0], self._seen[1] = last.velocity[self._others], 0.0
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
@@ -127,7 +130,8 @@ class WholeBodyControl(MotionController):
             self.body.lead(self._seen[1])
         self._unsolved = 0 if self.body.solve().solved else self._unsolved + 1
         told = (joints.table, self._drives, self.joints, _IMPEDANCE, out.table, out.mode)
-        moving.tell(output.desired, *output.settings, self._solution, self._rows, *told)
+        solved = (self._solution, self._rows, *self._easing.arguments)
+        moving.tell(output.desired, *output.settings, *solved, *told)
 
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
         stream = self._streams.get(task)

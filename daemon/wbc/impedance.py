@@ -5,7 +5,26 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.wbc import moving
-from daemon.wbc.memory import Array, Integers
+from daemon.wbc.memory import Array, Integers, Memory
+
+
+class Easing:
+    """Keeps what is told from jumping where the solution does: where bounds become active, or a level singular, its answer to
+    the next state may be another one altogether.
+
+    While the solver's damping is up, a step of more than `rate` · T of a joint's rated torque in one cycle is not told: the
+    difference is, and it shrinks by as much in a cycle. So torques change by at most 2 · `rate` · T, but for what joints' bounds
+    of acceleration ask for, which hold in every cycle; and where nothing jumps, what is told is the solution itself.
+    """
+
+    def __init__(self, torques: Array, solver: Memory, period: float, rate: float = 5.0):
+        """`torques` (m,) N·m, rated; `rate` times rated per s."""
+        self._eased = np.zeros((4, len(solver["mass"])))
+        self.arguments = torques, solver["settings"][0], rate * period, solver["bound"], solver["mass"], self._eased
+
+    def start(self) -> None:
+        """The next solution is told as it is."""
+        self._eased[:] = np.nan
 
 
 class ImpedanceOutput:

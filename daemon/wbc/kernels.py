@@ -88,16 +88,15 @@ def _free(row, basis, share, count):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST, error_model="numpy")
-def _free_keeping(row, basis, share, count, had):  # type: ignore[no-untyped-def]
-    """Likewise, and what the row had of them is added to `had`."""
+def _free_of_whole(row, basis, share, count):  # type: ignore[no-untyped-def]
+    """Likewise, but of those alone that are owned wholly."""
     n = row.shape[0]
     for c in range(count):
-        direction = basis[c]
-        s = _dot(direction, row, n)
-        had[c] += s
-        s *= share[c]
-        for j in range(n):
-            row[j] -= s * direction[j]
+        if share[c] == 1.0:
+            direction = basis[c]
+            s = _dot(direction, row, n)
+            for j in range(n):
+                row[j] -= s * direction[j]
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -329,9 +328,10 @@ def _meet_bound(table, sizes, a, count, y):  # type: ignore[no-untyped-def]
     what is owned already."""
     basis, owned = matrix(table, at.BASIS), matrix(table, at.OWNED)
     row, trial, n = line(table, at.ACTIVE_ROW, a), line(table, at.Y, 2), sizes[at.N]
+    # Not of what is shared with the levels below: those would then leave the bound.
     copy(row, trial)
-    _free(trial, basis, owned[0], count)
-    _free(trial, basis, owned[0], count)
+    _free_of_whole(trial, basis, owned[0], count)
+    _free_of_whole(trial, basis, owned[0], count)
     t = _dot(trial, trial, n)
     if t < _DEPENDENT_BOUND or count >= basis.shape[0]:
         return count
@@ -355,40 +355,43 @@ def _meet_level(table, levels, sizes, level, count, whole, y):  # type: ignore[n
     copy(y, start)
     first, volume = count, 1.0
     for i in range(first_row, first_row + rows):
-        kept = within[i]
-        fill(kept, 0.0)
         if known[at.LENGTH, i] == 0.0:
             continue
         row = freed[i]
         copy(raw[i], row)
-        _free_keeping(row, basis, share, count, kept)
+        _free(row, basis, share, count)
         t = _dot(row, row, n)
-        if t < 0.1:
-            _free_keeping(row, basis, share, count, kept)
+        if t < 0.1:  # of what was taken out by half, half is left
+            _free_of_whole(row, basis, share, count)
             t = _dot(row, row, n)
         volume *= t
         if t < _NOTHING or count >= room:
             volume = 0.0
             continue
         length = math.sqrt(t)
-        u = min(max((t - GIVE_UP) / (_KEEP - GIVE_UP), 0.0), 1.0)
-        if damping > 0.0:
-            u = min(u, length / min(damping, _LEAST_OWNED))
-        keep = u * u * (3.0 - 2.0 * u)
-        kept[count] = length
+        # Among the level's own every direction counts as owned wholly: they are at right angles.
+        _own(basis, owned, count, row, i, 1.0, length)
         s = (known[at.WANTED, i] - _dot(raw[i], y, n)) / length
-        _own(basis, owned, count, row, i, keep, length)
         for j in range(n):
             y[j] += s * basis[count, j]
         count += 1
-        if keep == 1.0:
-            whole += 1
     # The smallest eigenvalue of RRᵀ is at least det · ((r − 1) / r)^(r − 1) ≥ det / e.
     near = SINGULAR if sizes[at.ACTIVE_COUNT] == 0 else SINGULAR_AT_BOUNDS
     singular = near * (1.0 - damping / most) if most > 0.0 else near  # what damps all directions takes over from it
+    for c in range(first, count):
+        t = owned[2, c] * owned[2, c]
+        u = min(max((t - GIVE_UP) / (_KEEP - GIVE_UP), 0.0), 1.0)
+        if damping > 0.0:
+            u = min(u, owned[2, c] / min(damping, _LEAST_OWNED))
+        share[c] = u * u * (3.0 - 2.0 * u)
+        if share[c] == 1.0:
+            whole += 1
     damping *= damping
     if (volume < 2.8 * near or damping > 0.0) and count > first:
         kept = within[first_row : first_row + rows]
+        for i in range(rows):
+            for c in range(first, count):
+                kept[i, c] = _dot(raw[first_row + i], basis[c], n)
         least = _filtered(table, first_row, rows, kept, first, count, y, start, singular, damping)
         about[at.LEAST, level] = least
         about[at.FILTERED, level] = 1.0 if least < near or volume < _NOTHING else 0.0

@@ -180,19 +180,68 @@ def follow_others(velocity, joints, seen, period, settle, most):  # type: ignore
             seen[1, i] += share * (slope - seen[1, i])
 
 
+@njit
+def _ease(solution, rows, torques, jumps, most, bound, mass, eased):  # type: ignore[no-untyped-def]
+    """See Easing: eased (4, nv) is q̈ and τ as they are told, then as they were solved, in the cycle before (NaN: none was)."""
+    step = far = 0.0
+    for i in range(rows.shape[0]):
+        step = max(step, abs(solution[1, rows[i]] - eased[3, rows[i]]) / torques[i])
+    fresh, jump = not math.isfinite(eased[3, rows[0]]), jumps and step > most
+    for k in range(2):
+        for i in range(rows.shape[0]):
+            r = rows[i]
+            left = eased[k, r] - (solution[k, r] if jump else eased[2 + k, r])
+            eased[2 + k, r] = solution[k, r]
+            eased[k, r] = 0.0 if fresh else left
+            if k == 1 and not fresh:
+                far = max(far, abs(eased[k, r]) / torques[i])
+    share = 1.0 - most / far if far > most else 0.0
+    for k in range(2):
+        for i in range(rows.shape[0]):
+            eased[k, rows[i]] = solution[k, rows[i]] + share * eased[k, rows[i]]
+    for i in range(rows.shape[0]):  # bounds hold all the same
+        r = rows[i]
+        beyond = eased[0, r] - min(max(eased[0, r], bound[0, r]), bound[1, r])
+        if beyond != 0.0:
+            eased[0, r] -= beyond
+            for j in range(rows.shape[0]):
+                eased[1, rows[j]] -= beyond * (mass[r, rows[j]] if rows[j] <= r else mass[rows[j], r])
+
+
 @compiled
-def tell(desired, period, leak, within, solution, rows, measured, gains, joints, code, table, mode):  # type: ignore[no-untyped-def]
+def tell(
+    desired,
+    period,
+    leak,
+    within,
+    solution,
+    rows,
+    torques,
+    settings,
+    most,
+    bound,
+    mass,
+    eased,
+    measured,
+    gains,
+    joints,
+    code,
+    table,
+    mode,
+):  # type: ignore[no-untyped-def]
     """`desired` one period on, and the robot's joints `joints` told it, with their torque, stiffness and damping.
 
-    `solution`: q̈ and τ in its first two rows; `measured`: JointState.table; `gains` (2, m); `table`, `mode`: a JointCommand's.
+    `solution`: q̈ and τ in its first two rows; `torques` (m,) N·m, rated; `settings`, `bound`, `mass`: the solver's;
+    `most`, `eased`: see Easing; `measured`: JointState.table; `gains` (2, m); `table`, `mode`: a JointCommand's.
     """
+    _ease(solution, rows, torques, settings[at.DAMPING] > 0.0, most, bound, mass, eased)
     position, velocity = np.empty(joints.shape[0]), np.empty(joints.shape[0])
     for i in range(joints.shape[0]):
         position[i], velocity[i] = measured[0, joints[i]], measured[1, joints[i]]
-    lead(desired, solution[0], rows, position, velocity, period, leak, within)
+    lead(desired, eased[0], rows, position, velocity, period, leak, within)
     for i in range(joints.shape[0]):
         j = joints[i]
-        table[0, j], table[1, j], table[2, j] = desired[0, i], desired[1, i], solution[1, rows[i]]
+        table[0, j], table[1, j], table[2, j] = desired[0, i], desired[1, i], eased[1, rows[i]]
         table[3, j], table[4, j], mode[j] = gains[0, i], gains[1, i], code
 
 
@@ -207,4 +256,6 @@ def warm_up(joints: int) -> None:
     follow(parameters, *moved, 0.0, 1.0, np.zeros(at.SETTINGS_WIDTH), 1.0, 1.0)
     lead(two, two[0], rows, two[0], two[0], 1.0, 0.0, 1.0)
     follow_others(two[0], rows, two, 1.0, 1.0, 1.0)
-    tell(two, 1.0, 0.0, 1.0, two, rows, np.zeros((4, joints)), two, rows, 0, np.zeros((5, joints)), mode)
+    eased, four, square = np.zeros((4, joints)), np.zeros((4, joints)), np.zeros((joints, joints))
+    solver = (np.ones(joints), np.zeros(at.SETTINGS_WIDTH), 1.0, two, square, eased)
+    tell(two, 1.0, 0.0, 1.0, two, rows, *solver, four, two, rows, 0, np.zeros((5, joints)), mode)

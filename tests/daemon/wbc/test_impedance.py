@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from daemon.wbc.impedance import ImpedanceOutput
+from daemon.wbc import layout as at
+from daemon.wbc import moving
+from daemon.wbc.impedance import Easing, ImpedanceOutput
 
 PERIOD = 0.002
 
@@ -45,3 +47,26 @@ def test_it_never_leads_the_robot_further_than_it_may_and_takes_nothing_that_is_
 def test_a_leak_faster_than_the_period_is_refused() -> None:
     with pytest.raises(ValueError, match="leak: got 600"):
         ImpedanceOutput(1, PERIOD, leak=600.0)
+
+
+def test_a_solution_that_jumps_is_told_step_by_step_and_within_its_bounds_where_it_is_damped() -> None:
+    """One joint of 1 kg m² and 10 N·m rated: its solution jumps by 3 N·m, a share of 1 % is let go in a cycle of 2 ms."""
+    solver = {"settings": np.zeros((1, at.SETTINGS_WIDTH)), "bound": np.array([[-1e3], [1e3]]), "mass": np.eye(1)}
+    easing, drives = Easing(np.array([10.0]), solver, 0.002), ImpedanceOutput(1, 0.002)  # type: ignore[arg-type]
+    row, table, mode = np.zeros(1, np.int64), np.zeros((5, 1)), np.zeros(1, np.uint8)
+
+    def told(solved: float) -> float:
+        solution = (np.full((2, 1), solved), row, *easing.arguments)
+        moving.tell(drives.desired, *drives.settings, *solution, np.zeros((4, 1)), np.ones((2, 1)), row, 0, table, mode)
+        return float(table[2, 0])
+
+    easing.start()
+    assert [told(1.0), told(1.05), told(4.05), told(1.05)] == [1.0, 1.05, 4.05, 1.05], "nothing is damped"
+    solver["settings"][0, at.DAMPING] = 0.1
+    steps = np.diff([told(1.05), *(told(4.05) for _ in range(40))])
+    assert steps.max() == pytest.approx(0.1)
+    assert (steps > 0.0).sum() == 30
+    assert told(4.05) == 4.05
+    assert told(1.0) == pytest.approx(3.95)
+    solver["bound"][1] = 2.0
+    assert told(1.0) == pytest.approx(2.0), "a bound holds at once"

@@ -30,6 +30,14 @@ levels:
   - - {task: SE3, name: hand, frame: tool_right_tip, stiffness: 200}
   - - {task: JPos, name: posture, stiffness: 50}
 """
+TURN_BELOW = """
+constraints:
+  - {constraint: JointLimits}
+levels:
+  - - {task: CartPos, name: hand, frame: tool_right_tip, stiffness: 200}
+  - - {task: QuaternionOrientation, name: turn, frame: tool_right_tip, stiffness: 200}
+  - - {task: JPos, name: posture, stiffness: 50}
+"""
 
 
 def pose(placement: pin.SE3) -> Pose:
@@ -192,15 +200,20 @@ def test_pausing_stops_every_reference_and_resuming_goes_on(in_plant) -> None:
     assert bench.tip().translation == pytest.approx(goal.translation, abs=3e-3)
 
 
-def test_an_arm_that_is_stretched_beyond_its_reach_and_comes_back_is_torn_by_no_torque(in_plant, talos) -> None:
-    """Without damping where bounds are active: hundreds of cycles with steps of more than 2 % of the rated torque, up to 40 %."""
+@pytest.mark.parametrize("compound", [HAND_OVER_POSTURE, TURN_BELOW], ids=["together", "turn_below"])
+def test_an_arm_that_is_stretched_beyond_its_reach_and_comes_back_is_torn_by_no_torque(
+    in_plant, talos, compound
+) -> None:
+    """Without damping where bounds are active hundreds of the solver's steps are more than 2 % of the rated torque, up to 40 %;
+    with position and turn on levels of their own some are 10 %, and none reaches the drives."""
     bench = in_plant(robot=dataclasses.replace(talos, guard=Guarding(self_collision=False)))  # it would stop it before
     start, way = bench.tip().translation, np.array([0.0, -0.5, 0.0])
     stream = PoseStream(task="hand", stale=0.1, speed=1.0)
-    assert bench.begin(WholeBody(compound=HAND_OVER_POSTURE, references=[stream])) is Answer.ACCEPTED
+    assert bench.begin(WholeBody(compound=compound, references=[stream])) is Answer.ACCEPTED
     bench.run(5)
     rated, rows, solved = bench.description.torque_limit, bench.control._model.rows, bench.control.body.result.torque
-    last, steps, furthest = solved[rows].copy(), [], 0.0
+    last, told, steps, furthest = solved[rows].copy(), bench.loop.written.torque.copy(), [], 0.0
+    drives = 0.0
     for cycle in range(1600):
         t = cycle * PERIOD
         phase = min(t / 1.4, 1.0) if t < 1.6 else max(1.0 - (t - 1.6) / 1.4, 0.0)
@@ -209,14 +222,17 @@ def test_an_arm_that_is_stretched_beyond_its_reach_and_comes_back_is_torn_by_no_
         bench.stream("hand", position=tuple(start + way * share), velocity=(*velocity, 0.0, 0.0, 0.0))
         bench.run()
         steps.append(float((np.abs(solved[rows] - last) / rated).max()))
+        drives = max(drives, float((np.abs(bench.loop.written.torque - told) / rated).max()))
+        told = bench.loop.written.torque.copy()
         furthest, last = (
             max(furthest, float(np.linalg.norm(bench.tip().translation - start - way * share))),
             solved[rows].copy(),
         )
-    assert furthest > 0.02, "it was asked for more than it can reach"
+    assert furthest > (0.02 if compound == HAND_OVER_POSTURE else 0.005), "it was asked for more than it can reach"
     assert np.linalg.norm(bench.tip().translation - start) < 5e-3, "and is back"
     assert np.sum(np.array(steps) > 0.02) < 30
     assert max(steps) < 0.15
+    assert drives < 0.0205, "of the rated torque from cycle to cycle"
 
 
 def test_two_arms_run_whole_body_motions_of_their_own_while_a_trajectory_turns_the_torso_under_them(in_plant) -> None:

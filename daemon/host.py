@@ -58,6 +58,7 @@ def children(
     camera: bool = True,
     bus_timing: bool = False,
     faults: Path | None = None,
+    let_down: bool = False,
     record: Path | None = None,
 ) -> list[Child]:
     """The processes of this robot's service, in the order in which they start. Raises UsageError and ConfigError.
@@ -71,8 +72,10 @@ def children(
         )
     if scene is not None and not simulated:
         raise UsageError(f"--scene {scene}: {description.name} has real buses, nothing is simulated; leave it out")
-    if not simulated and (bus_timing or faults is not None):
-        option = "--bus-timing" if bus_timing else f"--faults {faults}"
+    if let_down and description.base != "free":
+        raise UsageError(f"--let-down: {description.name} has a fixed base; leave it out")
+    if not simulated and (bus_timing or let_down or faults is not None):
+        option = "--bus-timing" if bus_timing else "--let-down" if let_down else f"--faults {faults}"
         raise UsageError(f"{option}: {description.name} has real buses, which can't be told; leave it out")
     python = (sys.executable, "-m")
     place = ("--runtime", str(runtime.folder))
@@ -86,6 +89,7 @@ def children(
     if simulated:
         on_bus = (
             *(["--bus-timing"] if bus_timing else []),
+            *(["--let-down"] if let_down else []),
             *(["--faults", _checked_faults(faults, description)] if faults else []),
         )
         processes.append(
@@ -210,6 +214,10 @@ def up(
     faults: Annotated[
         Path | None, typer.Option(help="YAML file of faults that a simulated robot's bus shall have.")
     ] = None,
+    let_down: Annotated[
+        bool,
+        typer.Option("--let-down", help="A simulated gantry lets its robot down on its feet once its drives hold it."),
+    ] = False,
     record: Annotated[
         Path | None,
         typer.Option(
@@ -237,6 +245,7 @@ def up(
             camera=camera,
             bus_timing=bus_timing,
             faults=faults,
+            let_down=let_down,
             record=record,
         )
         if check:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import gc
 import signal
 import sys
@@ -177,12 +178,19 @@ def main(world_type: type[World] = World, prepare: Callable[[Service, Runtime], 
     parser.add_argument("--scene", required=True, help="scene's name or YAML file, e.g. valve")
     parser.add_argument("--clock", choices=("lockstep", "wall"), required=True)
     parser.add_argument("--bus-timing", action="store_true", help="frames take the time that they would on a real bus")
+    parser.add_argument(
+        "--let-down", action="store_true", help="the gantry lets the robot down on its feet once its drives hold it"
+    )
     parser.add_argument("--faults", help="YAML file of faults of the bus; their times count from the host's first Sync")
     parser.add_argument("--runtime", help="the robot's runtime folder (default: $HANDRAIL_RUNTIME, else this user's)")
     options = parser.parse_args()
     with own_stdout() as stdout:
         try:
             robot = robots.load(options.robot)
+            if options.let_down:
+                if robot.base != "free" or robot.floor is None:
+                    raise ValueError(f"--let-down: {robot.name} has no free base over a floor; leave it out")
+                robot = dataclasses.replace(robot, support="hoist")
             world = world_type(robot, scene.load(options.scene))
             runtime = Runtime.at(options.runtime)
             channels = [BusTiming(c.name, c.bitrate, c.data_bitrate) for c in robot.channels]

@@ -19,6 +19,7 @@ from hal.plant.bodies import HINGE, is_loose, object_urdf
 from hal.plant.bullet import pybullet as p
 from hal.plant.devices import DevicePlant
 from hal.plant.drive_node import STEP_NS, DriveNodes
+from hal.plant.hoist import Hoist
 from hal.plant.joint_port import JointPort
 from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.scene import EMPTY, Scene, Wheel
@@ -61,6 +62,10 @@ class World:
             self.robot.place(joint, angle)
         self.floor = None if description.floor is None else self._lay_floor(description.floor)
         """PyBullet's number of the floor, if there is one"""
+        self.hoist: Hoist | None = None
+        """what lets the robot down, where its support is a hoist"""
+        if description.support == "hoist" and self.floor is not None:
+            self.hoist = Hoist(self.robot, self.floor, _STEP)
         self._objects = {name: self._load_object(name) for name in scene.objects}
         self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
@@ -145,6 +150,8 @@ class World:
         torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
         if drives.brakes_moved:
             self._work_brakes()
+        if self.hoist is not None and not self.hoist.slack:
+            self.hoist.work(not self._braked.any())
         self._joints.step(torque)
         self.steps += 1
         self._contacts_due = self.steps % _CONTACT_STEPS == 0

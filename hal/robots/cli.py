@@ -48,7 +48,7 @@ def list_robots() -> None:
         kinds = Counter(device.family for device in robot.devices)
         devices = ", ".join(f"{count} {family}" if count > 1 else family for family, count in kinds.items()) or "none"
         limbs = f"{_count(robot.limbs, 'limb')} on {_count(robot.channels, 'channel')}"
-        base = robot.base if robot.base == "fixed" else f"free, {'hung' if robot.support == 'gantry' else 'standing'}"
+        base = robot.base if robot.base == "fixed" else f"free, {'standing' if robot.support == 'none' else 'hung'}"
         table.add_row(name, str(len(robot.joints)), limbs, devices, base, str(file.parent))
     Console().print(table)
     if wrong:

@@ -198,7 +198,7 @@ class _RobotFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     guard: Guarding = Guarding()
     home: dict[str, dict[str, float]]
     base: Literal["fixed", "free"] = "fixed"
-    support: Literal["gantry", "none"] = "none"
+    support: Literal["gantry", "hoist", "none"] = "none"
     floor: float | None = None
     feet: dict[str, _FootFile] = {}
     actuators: dict[str, Actuator] = {}
@@ -327,7 +327,7 @@ class RobotDescription:
     allowed_collision_pairs: tuple[tuple[str, str], ...]
     guard: Guarding
     base: Literal["fixed", "free"]
-    support: Literal["gantry", "none"]
+    support: Literal["gantry", "hoist", "none"]
     """what holds a free base in the plant; a gantry lets it neither move nor turn"""
     floor: float | None
     """m, height of the plant's floor below the base's frame at the start; none: there is no floor"""

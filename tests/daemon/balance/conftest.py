@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -66,15 +67,15 @@ def robot() -> RobotDescription:
 
 
 @pytest.fixture
-def standing(robot: RobotDescription) -> Iterator[Callable[[], Standing]]:
+def standing(robot: RobotDescription) -> Iterator[Callable[..., Standing]]:
     made: list[tuple[Standing, Path]] = []
     door = WholeBodyDoor(robot)
     assert door.open(120.0)
 
-    def make() -> Standing:
+    def make(support: Literal["hoist", "none"] = "none") -> Standing:
         warm_up(Kinematics(robot))
         folder = Path(tempfile.mkdtemp(prefix="hr", dir="/dev/shm"))
-        made.append((Standing(folder, robot, door), folder))
+        made.append((Standing(folder, dataclasses.replace(robot, support=support), door), folder))
         made[-1][0].enable()
         return made[-1][0]
 

@@ -27,6 +27,7 @@ from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
 from engines.deployment import Deployed
 from engines.plan_making import make_edit, make_motion, make_plan, rank_choices
+from engines.planning_desk import PlanningDesk, Task
 from engines.plans import PlanStore
 from engines.prompts import Prompts
 from engines.rehearsal import Rehearsal
@@ -54,6 +55,7 @@ class Engine:
         self._wake = Wake()
         self._outbox: queue.SimpleQueue[msgspec.Struct] = queue.SimpleQueue()
         self._closing = threading.Event()
+        self._desk = PlanningDesk(self._tell)
         self._deployments: dict[str, Deployed] = {}
         self._breakpoints: frozenset[str] = frozenset()
         self._autonomy = "full"
@@ -90,6 +92,7 @@ class Engine:
             m.GetInstances: lambda call: m.Instances(instances=[each.state() for each in affordances.instances()]),
             m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
+            m.CancelPlanning: lambda call: self._desk.cancel(),
             m.RankChoices: self._rank_choices,
             m.PlanMotion: self._plan_motion,
             m.EditPlan: self._edit_plan,
@@ -138,7 +141,8 @@ class Engine:
         self._wake.set()
 
     def close(self) -> None:
-        """Cancel what moves, publish what is left, and free everything."""
+        """Cancel what moves and what is planned, publish what is left, and free everything."""
+        self._desk.cancel()
         if self._job is not None and self._job.active:
             try:
                 self._job.stop()
@@ -200,43 +204,32 @@ class Engine:
         return _in_thread(details, "plan's details")
 
     def _make_plan(self, call: m.MakePlan) -> Future[m.PlanPreview]:
-        def plan() -> m.PlanPreview:
-            try:
-                return make_plan(
-                    self._services, call.instance, call.trajectory, call.arm, arc=call.arc, after=call.after
-                )[1]
-            except ActivityFailed as failed:
-                raise refuse(str(failed)) from failed
+        def plan(task: Task) -> m.PlanPreview:
+            return make_plan(
+                self._services, call.instance, call.trajectory, call.arm, arc=call.arc, after=call.after,
+                cancelled=task.cancelled.is_set, progress=task.progress,
+            )[1]  # fmt: skip
 
         self._services.affordances.get(call.instance)
-        return _in_thread(plan, "plan")
+        return self._desk.work(f"{call.trajectory} at {call.instance}", plan)
 
     def _rank_choices(self, call: m.RankChoices) -> Future[m.Choices]:
-        def rank() -> m.Choices:
-            try:
-                return rank_choices(self._services, call)
-            except ActivityFailed as failed:
-                raise refuse(str(failed)) from failed
+        def rank(task: Task) -> m.Choices:
+            return rank_choices(self._services, call, cancelled=task.cancelled.is_set)
 
-        return _in_thread(rank, "rank")
+        return self._desk.work(f"choices at {call.instance}", rank)
 
     def _plan_motion(self, call: m.PlanMotion) -> Future[m.PlanPreview]:
-        def plan() -> m.PlanPreview:
-            try:
-                return make_motion(self._services, call)[1]
-            except ActivityFailed as failed:
-                raise refuse(str(failed)) from failed
+        def plan(task: Task) -> m.PlanPreview:
+            return make_motion(self._services, call, cancelled=task.cancelled.is_set, progress=task.progress)[1]
 
-        return _in_thread(plan, "plan")
+        return self._desk.work(call.label or "motion", plan)
 
     def _edit_plan(self, call: m.EditPlan) -> Future[m.PlanPreview]:
-        def plan() -> m.PlanPreview:
-            try:
-                return make_edit(self._services, call)[1]
-            except ActivityFailed as failed:
-                raise refuse(str(failed)) from failed
+        def plan(task: Task) -> m.PlanPreview:
+            return make_edit(self._services, call, cancelled=task.cancelled.is_set, progress=task.progress)[1]
 
-        return _in_thread(plan, "plan")
+        return self._desk.work(f"edit of {call.id}", plan)
 
     def _execute_plan(self, call: m.ExecutePlan) -> None:
         self._idle()
@@ -272,14 +265,14 @@ class Engine:
         deployed, world = self._deployed(call.deployment), self._services.daemon.world()
         if world is None:
             raise refuse("the daemon has not told where the robot is: is it running?")
-        rehearsal = Rehearsal(deployed, self._services, world, self._services.affordances.instances(), self._closing)
+        instances = self._services.affordances.instances()
 
-        def check() -> m.TaskCheck:
-            rehearsed = rehearsal.run()
+        def check(task: Task) -> m.TaskCheck:
+            rehearsed = Rehearsal(deployed, self._services, world, instances, task.cancelled).run()
             self._seeds[deployed.id] = rehearsed.ends
             return rehearsed.check
 
-        return _in_thread(check, "check")
+        return self._desk.work(f"check of {deployed.program.name}", check)
 
     def _start(self, call: m.Run) -> m.RunState:
         self._idle()

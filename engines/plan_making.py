@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from engines.planning.seen import Seen
 
 _Asked = Callable[[], bool]
+_Told = Callable[[str], None]
 _TRIES = 6
 """choices of which one must lead to a plan"""
 
@@ -38,6 +39,7 @@ def make_plan(
     after: str = "",
     run: str = "",
     cancelled: _Asked | None = None,
+    progress: _Told | None = None,
 ) -> tuple[PlanRecord, PlanPreview]:
     """Plan a stroke, keep and show the plan.
 
@@ -79,6 +81,7 @@ def make_plan(
                 entry_shift=entry_shift,
                 others=others,
                 cancelled=cancelled,
+                progress=progress,
             ),
             tries,
         )
@@ -151,6 +154,7 @@ def make_motion(
     run: str = "",
     seeds: Sequence[np.ndarray] = (),
     cancelled: _Asked | None = None,
+    progress: _Told | None = None,
 ) -> tuple[PlanRecord, PlanPreview]:
     """Plan a motion to goals among all instances, keep and show it. Raises ActivityFailed as `make_plan` does.
 
@@ -160,7 +164,9 @@ def make_motion(
     world, instances = start_of(services, call.after), services.affordances.instances()
     seen = _seen(services, instances) if call.seen else None
     with _telling("no plan to the goals", "can't plan to the goals"):
-        plan = services.planner.motion(call, instances, world.command, seeds=seeds, seen=seen, cancelled=cancelled)
+        plan = services.planner.motion(
+            call, instances, world.command, seeds=seeds, seen=seen, cancelled=cancelled, progress=progress
+        )
     used = tuple(each for each in instances if each.name in plan.made_from)
     asked: dict[str, float | str] = {"goals": plan.label, "arm": call.arm, "clearance": call.clearance}
     asked |= ({"after": call.after} if call.after else {}) | ({"edits": edits} if edits else {})
@@ -178,7 +184,9 @@ def _seen(services: Services, instances: Sequence[Instance]) -> Seen:
     return seen
 
 
-def make_edit(services: Services, call: EditPlan) -> tuple[PlanRecord, PlanPreview]:
+def make_edit(
+    services: Services, call: EditPlan, *, cancelled: _Asked | None = None, progress: _Told | None = None
+) -> tuple[PlanRecord, PlanPreview]:
     """Plan a motion anew with a key frame more or another one, keep and show it. Raises ActivityFailed as `make_plan` does."""
     try:
         record = services.plans.get(call.id)
@@ -197,14 +205,22 @@ def make_edit(services: Services, call: EditPlan) -> tuple[PlanRecord, PlanPrevi
     if call.frame > len(frames):
         raise ActivityFailed("refused", f"frame: got {call.frame}; expected at most {len(frames)}, which is the end")
     if call.frame == len(frames):
-        return make_motion(services, msgspec.structs.replace(before, goals=call.goals), edits=call.id)
+        return make_motion(
+            services,
+            msgspec.structs.replace(before, goals=call.goals),
+            edits=call.id,
+            cancelled=cancelled,
+            progress=progress,
+        )
     if call.frame >= 0:
         frames[call.frame] = KeyFrame(goals=call.goals)
     else:
         if not call.time <= record.plan.duration:
             raise ActivityFailed("refused", f"time: got {call.time:g}; expected at most {record.plan.duration:.3f} s")
         frames.insert(bisect.bisect(record.plan.key_times, call.time), KeyFrame(goals=call.goals))
-    return make_motion(services, msgspec.structs.replace(before, through=frames), edits=call.id)
+    return make_motion(
+        services, msgspec.structs.replace(before, through=frames), edits=call.id, cancelled=cancelled, progress=progress
+    )
 
 
 def start_of(services: Services, after: str) -> World:

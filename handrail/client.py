@@ -32,6 +32,7 @@ from handrail.link.events import Events, Live
 from handrail.link.session import Session
 from handrail.messages import (
     AnswerPrompt,
+    CancelPlanning,
     CheckTask,
     Choice,
     ClearStop,
@@ -236,6 +237,10 @@ class Client:
         infeasible.
         """
         return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, after=after), timeout_s)
+
+    def cancel_planning(self) -> None:
+        """End all planning that calls are waiting for; `events(PlanProgress)` tells what is being done."""
+        self.call(CancelPlanning())
 
     def rank_choices(
         self, instance: str, trajectory: str = "", arms: Sequence[str] = (), *, after: str = "",

@@ -1498,6 +1498,22 @@ class MakePlan(Message):
 
 
 @_travels(priority=1, remote=True)
+class CancelPlanning(Message):
+    """End all planning that calls are waiting for (plans, choices, checks of tasks). Programs go on."""
+
+
+@_travels(priority=5, reliable=False, superseded_by=("what",), remote=True)
+class PlanProgress(Message):
+    """What a call that plans is doing."""
+
+    what: str
+    """the call, in a few words"""
+    doing: str
+    done: bool = False
+    """it is answered"""
+
+
+@_travels(priority=1, remote=True)
 class RankChoices(Message):
     """Which arm, trajectory and place around the joint can do how much of a behaviour at an instance. The best comes first."""
 
@@ -1958,6 +1974,7 @@ EngineCall = (
     | GetInstances
     | GetPlan
     | MakePlan
+    | CancelPlanning
     | RankChoices
     | PlanMotion
     | EditPlan
@@ -1979,7 +1996,7 @@ EngineCall = (
     | AnswerPrompt
     | GetEngine
 )
-EngineEvent = InstanceState | PlanPreview | RunState | Prompt | PromptClosed | LogLine
+EngineEvent = InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine
 
 # ------------------------------------------------------------------------------------------------------------ plant: truth
 

@@ -21,7 +21,7 @@ from daemon.serving.leases import Leases
 from engines.engine import Engine
 from engines.planning.behaviour import Choice
 from engines.planning.measures import CLEARANCE, Measure
-from engines.planning.plan import Infeasible, Plan, Segment
+from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
 from engines.planning.seen import Camera, Seen
 from handrail import messages as m
 from handrail.runtime import Runtime
@@ -309,6 +309,10 @@ class FakePlanner:
 
     def motion(self, call, instances, position, *, seeds=(), seen=None, cancelled=None, progress=None) -> Plan:
         """To where the first goal has the joints."""
+        while not self.pace.wait(0.01):
+            (progress or print)("waiting for the test")
+            if cancelled is not None and cancelled():
+                raise Cancelled("planning was cancelled")
         names = [each.name for each in instances]
         self.asked.append({"call": call, "instances": names, "position": position.copy(), "seeds": list(seeds)})
         if self.infeasible:

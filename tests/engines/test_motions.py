@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from engines import program
 from handrail import cloud
 from handrail import messages as m
 from handrail.config import ConfigError
-from handrail.topics import Publisher
+from handrail.topics import Caller, Publisher, RefusedError
 
 PROGRAM = """\
 title: Go there
@@ -115,6 +117,30 @@ def test_a_program_plans_to_goals_at_the_instance_that_it_is_bound_to_and_ahead(
     assert first.through == [m.KeyFrame(goals=joints(angle=0.1))]
     assert (first.arm, first.clearance, second.after) == ("right", 0.02, "plan-1")
     assert np.allclose(daemon.command, [0.3, -0.1, 0.0])
+
+
+def test_planning_tells_what_it_does_and_ends_when_it_is_cancelled(stack, planner):
+    planner.pace.clear()
+    asking = Caller(stack.runtime.endpoint("engine.call"))
+    refused: list[RefusedError] = []
+
+    def ask() -> None:
+        try:
+            asking.call(m.PlanMotion(goals=joints(angle=0.5), arm="right", label="aside"), 30.0)
+        except RefusedError as problem:
+            refused.append(problem)
+        finally:
+            asking.close()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    assert stack.wait(lambda e: isinstance(e, m.PlanProgress) and e.what == "aside").doing == "waiting for the test"
+    stack.call(m.CancelPlanning())
+    assert stack.wait(lambda e: isinstance(e, m.PlanProgress) and e.done).what == "aside"
+    thread.join(30)
+    assert "planning was cancelled" in str(refused[0])
+    planner.pace.set()
+    assert stack.call(m.PlanMotion(goals=joints(angle=0.5), arm="right")).fresh, "later calls are not"
 
 
 ALONG = """\

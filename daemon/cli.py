@@ -138,6 +138,7 @@ def tare(
     """Let a force-torque sensor forget its offset, while the robot stands and nothing touches what the sensor carries."""
     told: Tared = ask("hardware tare", TareSensor(sensor=sensor), runtime)
     print(f"{told.sensor}: {told.offset:.3f} N off, forgotten until the loop ends")
+    print("If anything touched it softly (less than 5 N, 1 N·m), that was forgotten, too: free it and tare again.")
 
 
 @safety.command()

@@ -42,13 +42,6 @@ class Handle:
     def on(self, value: bool) -> None:
         self._body.plan[self.number, at.ON] = value
 
-    def fade(self, on: bool, cycles: int) -> None:
-        """Bring it in, or take it out, over so many cycles, between the solutions with it and without: no jump.
-
-        Raises ValueError for a constraint.
-        """
-        self._body.fade(self.number, on, cycles)
-
     @property
     def error(self) -> Array:
         """(6,) what was left at the start of the last cycle that came as far as this task: reference minus measured, on its axes;

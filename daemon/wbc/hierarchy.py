@@ -91,8 +91,6 @@ class WholeBody:
         self._coming = [
             k for k, made in enumerate(self._entries) if made.kind == Kind.CLEARANCE and self._level_of(k) > 0
         ]
-        self._fading: dict[int, float] = {}
-        """tasks that are being brought in (> 0) or taken out (< 0): their share changes by so much in a cycle"""
         self._feasibility = Feasibility(self)
 
     def _lay_out(
@@ -281,9 +279,7 @@ class WholeBody:
 
     def solve(self) -> Result:
         """Solve for the state that the model was last put in."""
-        if self._fading:
-            self._fade()
-        if self._coming or self._fading:
+        if self._coming:
             return self._solve_between()
         self._solve_once()
         return self.result
@@ -298,28 +294,6 @@ class WholeBody:
         """Share 0 to 1 of the damping that is there now: 1 where a level is singular or a bound is active for a while."""
         settings = self._memory["settings"][0]
         return float(settings[at.DAMPING] / settings[at.MOST_DAMPING]) if settings[at.MOST_DAMPING] else 0.0
-
-    def fade(self, number: int, on: bool, cycles: int) -> None:
-        """Bring the task with this number in the plan in, or take it out, over so many cycles: see Handle.fade."""
-        if self._level_of(number) == 0:
-            raise ValueError(f"{self._titles[number]}: got a constraint; expected a task, which may fade")
-        if number in self._coming or cycles < 1:  # a Clearance comes and goes with its distance
-            self._fading.pop(number, None)
-            self.plan[number, at.ON] = on
-            return
-        share = self._memory["parameters"][number]
-        if number not in self._fading:
-            share[at.SHARE] = float(self.plan[number, at.ON])
-        self.plan[number, at.ON] = 1
-        self._fading[number] = (1.0 if on else -1.0) / cycles
-
-    def _fade(self) -> None:
-        shares = self._memory["parameters"][:, at.SHARE]
-        for number, step in list(self._fading.items()):
-            shares[number] = min(max(shares[number] + step, 0.0), 1.0)
-            if shares[number] == (step > 0.0):
-                del self._fading[number]
-                self.plan[number, at.ON] = step > 0.0
 
     def _solve_once(self) -> None:
         result = self.result
@@ -340,14 +314,13 @@ class WholeBody:
         row, wanted = np.zeros((1, int(self.sizes[at.N]))), np.zeros(1)
         for k in coming:
             self.task_rows(k, row, wanted)
-        on = [*coming, *self._fading]
         shares = np.nan_to_num(
             self._memory["parameters"][:, at.SHARE], nan=1.0
         )  # a broken state goes through, and is told
-        order = sorted(on, key=lambda k: -shares[k])
+        order = sorted(coming, key=lambda k: -shares[k])
         out, blend, worst = self._memory["out"], np.zeros_like(self._memory["out"]), None
         most = 1.0
-        self.plan[on, at.ON] = 0
+        self.plan[coming, at.ON] = 0
         try:
             for there in range(len(order) + 1):
                 if there:
@@ -362,7 +335,7 @@ class WholeBody:
                 if not self.result.solved:
                     worst = (self.result.why, self.result.blocked)
         finally:  # whoever goes on after an error goes on with all of them
-            self.plan[on, at.ON] = 1
+            self.plan[coming, at.ON] = 1
         out[:] = blend
         if worst:
             self.result.solved, (self.result.why, self.result.blocked) = False, worst

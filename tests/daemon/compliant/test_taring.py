@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from daemon.exchange import Answer, Kind
+from daemon.exchange import Answer, Kind, Outcome
+from daemon.replay.player import Replay
+from daemon.replay.recorded_loop import cycles
+from daemon.replay.tape import TapeReader, TapeWriter
 from daemon.state.taring import LISTEN, SETTLE
 from handrail.messages import ContactEnd
 from handrail.robot.description import RobotDescription, SensorNoise
@@ -98,3 +103,33 @@ def test_what_is_no_force_torque_sensor_is_not_tared_and_two_are_not_at_a_time(i
     assert robot.run()["answer"] == Answer.TARING
     robot.post_device(sensor(robot) + 1, (), Kind.TARE)
     assert robot.run()["answer"] == Answer.TOO_MANY
+
+
+def test_a_taring_and_what_is_felt_after_it_are_replayed_bit_for_bit(misled, tmp_path) -> None:
+    """An end condition reads the tared sensor: that it trips in the same cycle rests on the offset."""
+    with tempfile.TemporaryDirectory(prefix="hr", dir="/dev/shm") as name:
+        folder = Path(name)
+        robot = InPlant(folder, misled, tape=TapeWriter(folder / "loop.tape"))
+        try:
+            robot.enable()
+            assert tare(robot)[0] is Answer.ACCEPTED
+            robot.start(robot.move("arm_right_4_joint", 0.02, 2.0), (ContactEnd(frame=TIP, threshold=6.0),))
+            robot.run(20)
+            robot.push((8.0, 0.0, 0.0))
+            assert robot.run_to_end() is Outcome.CONDITION
+            robot.run(20)
+            tape = TapeReader(folder / "loop.tape")
+            assert tape.attach()
+            _, *taped = tape.read()
+            replayed = Replay(robot.kinematics, True, tmp_path)
+            try:
+                found = replayed.run(list(cycles(taped)))
+                offset = replayed.loop.robot.sensors[sensor(robot)].offset.copy()
+            finally:
+                replayed.close()
+            assert found is None, found
+            assert replayed.compared == robot.loop.cycles
+            assert offset.any()
+            assert np.array_equal(offset, robot.loop.robot.sensors[sensor(robot)].offset)
+        finally:
+            robot.loop.close()

@@ -384,35 +384,6 @@ def test_references_that_nobody_gave_start_anew_where_the_robot_is_now(model_of)
     assert np.array_equal(body.memory["posture"], fresh.memory["posture"])
 
 
-def test_a_task_that_is_faded_out_and_in_makes_no_jump_where_switching_it_does(model_of) -> None:
-    model = model_of("talos_upper")
-    hand = CartPos(frame="tool_right_tip", name="hand", stiffness=300.0)
-    body = WholeBody(model, [[hand], [JPos()]], [JointLimits()])
-    body["hand"].pose(position=model.frame("tool_right_tip").translation + np.array([0.0, 0.04, 0.04]))
-    rated = body.memory["limits"][4]
-    there = body.solve().torque.copy()
-    body["hand"].on = False
-    jump = float((np.abs(body.solve().torque - there) / rated).max())
-    assert jump > 0.05
-    body["hand"].on = True
-    last, most = body.solve().torque.copy(), 0.0
-    for on in (False, True):
-        body["hand"].fade(on, 50)
-        for cycle in range(60):
-            if on and cycle == 25:  # half there, and no longer wanted
-                body["hand"].fade(False, 50)
-            torque = body.solve().torque.copy()
-            most, last = max(most, float((np.abs(torque - last) / rated).max())), torque
-        assert not body["hand"].on
-    assert most == pytest.approx(jump / 50, rel=1e-6)
-
-
-def test_a_constraint_does_not_fade(model_of) -> None:
-    body = WholeBody(model_of("talos_upper"), [[JPos()]], [PointContact(frame="tool_right_tip", name="wall")])
-    with pytest.raises(ValueError, match="wall: got a constraint"):
-        body["wall"].fade(False, 10)
-
-
 def test_joints_that_others_lead_go_as_told_and_those_left_do_the_tasks_beside_them(model_of) -> None:
     """Judged by dense algebra: what the free joints do is the nearest to their posture among all that meets the hand."""
     model = model_of("talos_upper")

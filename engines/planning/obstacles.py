@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -42,12 +43,24 @@ def placement_of(pose: Pose) -> pin.SE3:
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix(), np.array(pose.position))
 
 
+_KNOWN: dict[int, list[Obstacle]] = {}
+"""by identity of an instance that is alive; one does not change, an edit makes another"""
+
+
 def obstacles_of(instance: Instance) -> list[Obstacle]:
     """Everything of an instance that the arm must not hit.
 
     What turns with a continuous joint (a wheel's rim and spokes) counts as the whole body of revolution that it sweeps: the wheel
     turns while the arm is at it. What moves with any other joint counts where it is believed to be.
     """
+    key = id(instance)
+    if key not in _KNOWN:
+        _KNOWN[key] = _obstacles(instance)
+        weakref.finalize(instance, _KNOWN.pop, key, None)
+    return list(_KNOWN[key])
+
+
+def _obstacles(instance: Instance) -> list[Obstacle]:
     in_world = placement_of(instance.pose_in_world)
     resolved = instance.resolve()
     obstacles: list[Obstacle] = []

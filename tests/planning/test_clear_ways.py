@@ -97,7 +97,7 @@ def test_what_is_said_of_a_motion_is_what_many_samples_show(at_wheel):
 
 def test_the_least_distance_along_a_motion_is_found_to_its_tolerance(at_wheel):
     generator = np.random.default_rng(5)
-    for _ in range(5):
+    for _ in range(3):
         ends = np.array([at_wheel.random(generator), at_wheel.random(generator)])
         least = at_wheel.sweep.least(lines(ends))
         sampled = at_wheel.along(ends, 80).min()

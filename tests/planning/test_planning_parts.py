@@ -161,3 +161,12 @@ def test_a_tip_is_found_again_about_the_hinge(wheel_at):
         assert found == pytest.approx(angle)
         assert (radius, depth) == (pytest.approx(0.10), pytest.approx(-0.10))
         assert tilt == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_instance_that_is_turned_or_moved_has_obstacles_of_its_own(nominal_wheel, wheel_at):
+    here = obstacles_of(nominal_wheel)
+    assert obstacles_of(nominal_wheel) == here
+    there = wheel_at(np.array([0.9, 0.0, 0.3]), np.zeros(3))
+    assert np.allclose(obstacles_of(there)[0].placement.translation[0] - here[0].placement.translation[0], 0.9 - 0.55)
+    wider = dataclasses.replace(nominal_wheel, parameters={"radius": 0.2})
+    assert obstacles_of(wider)[0].geometry.radius > here[0].geometry.radius + 0.04

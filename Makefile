@@ -31,8 +31,8 @@ else
 	$(BIN)/python -m pytest -m "not soak" $(ARGS)
 endif
 
-soak: $(WARM)   ## what takes longer: an hour of robot time, twenty seeds, two hundred faults, a start without compiled kernels
-	$(BIN)/python -m pytest -m soak $(ARGS)
+soak: $(WARM)   ## what takes longer: an hour of robot time, twenty seeds, two hundred faults, a start without compiled kernels; goes on where it was
+	$(BIN)/python tools/soak.py $(ARGS)
 
 setup: $(WARM)  ## only set up: system packages, the venv from the lock file, warm compiled kernels
 

@@ -12,8 +12,9 @@ from hal.hil.nursery import Process
 from hal.hil.robot import Robot
 from handrail import messages as m
 from handrail.topics import RefusedError
+from tests.soaking import SHARE
 
-LENGTH_S = float(os.environ.get("HANDRAIL_SOAK_S", "3600"))
+LENGTH_S = float(os.environ.get("HANDRAIL_SOAK_S", str(3600 * SHARE)))
 """s of the robot's time"""
 WARM = 0.1
 """share of it after which memory has come to what it needs"""
@@ -60,7 +61,10 @@ def test_an_hour_in_lock_step_goes_by_without_a_fault_a_lost_cycle_or_growing_me
                 moves += 1
             else:
                 unheard += 1
-        if (now := plant.time_ns) > warm:
+        now = plant.time_ns
+        if moves % 80 < len(MOVES):
+            print(f"an hour: {(now - before) * 1e-9:.0f} of {LENGTH_S:.0f} s, {moves} motions", flush=True)
+        if now > warm:
             for process in processes:
                 memory[process.name].append(resident_mb(process))
         if now > end:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from engines.program import AUTONOMY
@@ -32,6 +32,8 @@ class Question:
     text: str
     data: Mapping[str, Any]
     """of the event that would have taken it"""
+    left: threading.Event = field(default_factory=threading.Event, compare=False)
+    """set once the state was left: then no answer counts any more, even if the state is active anew"""
 
 
 class Permissions:
@@ -48,42 +50,53 @@ class Permissions:
         self.level = level
 
     def ask(self, question: Question) -> None:
-        """Ask, unless that is asked already: then the answer counts for what is known now."""
+        """Ask, unless that is asked already: then the answer counts for what is known now. Where the level has been raised since
+        the way was found to need leave, it is allowed.
+        """
         key = (question.state, question.way)
         with self._lock:
-            if key in self._open:
+            needless = AUTONOMY[question.required] < AUTONOMY[self.level]
+            if not needless and key in self._open:
                 self._open[key] = (self._open[key][0], question)
                 return
-            prompt = Prompt(
-                id=f"prompt-{uuid.uuid4().hex[:10]}", run=self._run, text=question.text, options=[GO_ON, STAY]
-            )
-            self._open[key] = (prompt.id, question)
-        self._prompts.ask(prompt)
+            if not needless:
+                prompt = Prompt(
+                    id=f"prompt-{uuid.uuid4().hex[:10]}", run=self._run, text=question.text, options=[GO_ON, STAY]
+                )
+                self._open[key] = (prompt.id, question)
+                self._prompts.ask(prompt)
+        if needless:
+            self._allow(question)
+            return
         threading.Thread(target=self._wait, args=(key, prompt.id), name=f"ask {question.state}", daemon=True).start()
 
-    def withdraw(self, state: str) -> None:
-        """The state was left: nobody needs an answer any more."""
+    def withdraw(self, state: str | None = None) -> None:
+        """The state was left (None: the run has ended): nobody needs an answer any more."""
         with self._lock:
-            gone = [prompt for (of, _), (prompt, _) in self._open.items() if of == state]
-        for prompt in gone:
-            self._prompts.withdraw(prompt)
+            for key in [key for key in self._open if state in (None, key[0])]:
+                self._prompts.withdraw(self._open.pop(key)[0])
 
     def set_level(self, level: str) -> None:
-        """From now on; what was asked and need not be any more is allowed."""
+        """From now on; what was asked and need not be any more is allowed, unless it was answered already."""
+        allowed = []
         with self._lock:
             self.level = level
-            needless = [each for each in self._open.values() if AUTONOMY[each[1].required] < AUTONOMY[level]]
-        for prompt, question in needless:
-            self._prompts.withdraw(prompt)
+            for key, (prompt, question) in list(self._open.items()):
+                if AUTONOMY[question.required] < AUTONOMY[level] and self._prompts.withdraw(prompt):
+                    del self._open[key]
+                    allowed.append(question)
+        for question in allowed:
             self._allow(question)
 
     def _wait(self, key: tuple[str, int], prompt: str) -> None:
         closed = self._prompts.wait(prompt)
         with self._lock:
+            if self._open.get(key, ("",))[0] != prompt:
+                return  # withdrawn; what is open there now is another question
             question = self._open.pop(key)[1]
         if closed.answer == GO_ON:
             self._allow(question)
-        elif closed.answer == STAY:
+        else:
             self._log(
                 "info", f"{question.state} stays active, as {closed.by} wants: skip it or take another way out to go on"
             )

@@ -46,11 +46,13 @@ class Prompts:
                 raise refuse("not an option of this prompt", "answer", request.answer, f"one of: {', '.join(options)}")
             self._close(PromptClosed(id=request.id, answer=request.answer, by=request.by))
 
-    def withdraw(self, id: str) -> None:
-        """Close a prompt that nobody needs to answer any more; nothing happens when it is closed already."""
+    def withdraw(self, id: str) -> bool:
+        """Close a prompt that nobody needs to answer any more. False when it is closed already: then nothing happens."""
         with self._changed:
-            if id in self._open:
-                self._close(PromptClosed(id=id))
+            if id not in self._open:
+                return False
+            self._close(PromptClosed(id=id))
+            return True
 
     def open(self) -> list[Prompt]:
         """Those that wait for an answer, oldest first."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import logging
 import queue
+import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -53,6 +54,8 @@ class Event:
 
     name: str
     data: Mapping[str, Any] = field(default_factory=dict)
+    left: threading.Event | None = None
+    """set once the visit of a state that it is about has ended: then nothing follows, even where the state is active anew"""
 
 
 class ProgramData:
@@ -112,6 +115,10 @@ class Chart(Interpreter):
         self.gate, self._clock = gate or RunGate(lambda why: None), clock or RunClock()
         self._ask, self._withdraw, self._event = ask, withdraw, Event("")
         self._timeouts: dict[str, list[Callable[[], None]]] = {}
+        self._visits: dict[str, threading.Event] = {}
+        """active state → set when it is left"""
+        self._invokers: list[_ActivityInvoker] = []
+        self.abandoned = False
         retries = {f"{RETRIES}{state.id}": 0 for state in program.states() if state.file.retry}
         self.data = ProgramData({**CONSTANTS, **retries, **names})
         self.data.when_asked(self._asks)
@@ -135,7 +142,8 @@ class Chart(Interpreter):
             event = self._event = self._events.get(timeout=timeout_s)
         except queue.Empty:
             return False
-        self._machine.send(event.name, **event.data)
+        if event.left is None or not event.left.is_set():
+            self._machine.send(event.name, **event.data)
         return True
 
     @property
@@ -175,7 +183,7 @@ class Chart(Interpreter):
 
     def allow(self, question: Question) -> None:
         """Take the way that was asked about, with the data of the event that would have taken it; nothing if the state was left."""
-        self.post(Event(f"{_ALLOW}.{question.state}.{question.way}", question.data))
+        self.post(Event(f"{_ALLOW}.{question.state}.{question.way}", question.data, question.left))
 
     def set_autonomy(self, level: str) -> None:
         """Which ways are asked about from now on; one of `AUTONOMY`."""
@@ -185,17 +193,24 @@ class Chart(Interpreter):
         """Leave a state by one of its transitions that lead somewhere, whatever the guard says. What it sets from the event's data
         stays as it was.
         """
-        self.post(Event(f"{_TAKE}.{state}.{way}"))
+        self.post(Event(f"{_TAKE}.{state}.{way}", left=self._visits.get(state)))
 
     def stop(self) -> None:
         """End the run from whatever state it is in; its activities are cancelled."""
         self.post(Event(_STOP))
 
+    def abandon(self) -> None:
+        """The machine itself can't go on: cancel what its states do."""
+        self.abandoned = True
+        for invoker in self._invokers:
+            invoker.abandon()
+
     # ---------------------------------------------------------------------------------------- called by python-statemachine
 
     def make_invoker(self, invoke_def: InvokeDefinition) -> Any:
         """An activity for our own type of invoke; nothing else is invoked."""
-        return _ActivityInvoker(self, self._by_id[invoke_def.id or ""])
+        self._invokers.append(_ActivityInvoker(self, self._by_id[invoke_def.id or ""]))
+        return self._invokers[-1]
 
     def before_transition(self, event_data: Any) -> None:
         """Keeps the last failure's words where expressions find them, as `failure`: an activity's, or an expression's own."""
@@ -205,9 +220,9 @@ class Chart(Interpreter):
 
     def _asks(self, way: str) -> None:
         state, _, index = way.rpartition(".")
-        transition = self._by_id[state].transitions[int(index)].file
+        transition, left = self._by_id[state].transitions[int(index)].file, self._visits[state]
         if self._ask is None:
-            self.post(Event(f"{_ALLOW}.{way}", self._event.data))
+            self.post(Event(f"{_ALLOW}.{way}", self._event.data, left))
             return
         done = {f"done.invoke.{state}": "is done", f"done.state.{state}": "is done", "error.execution": "has failed"}
         happened = f"{self._by_id[state].file.title or state} {done.get(self._event.name, _told(self._event.name))}"
@@ -216,13 +231,14 @@ class Chart(Interpreter):
             self._by_id[each].file.title or each for each in str(transition.target).split() if each in self._by_id
         )
         text = f"{happened}{why}. Go on with: {transition.title or goal or transition.target}?"
-        self._ask(Question(state, int(index), transition.autonomy, text, self._event.data))
+        self._ask(Question(state, int(index), transition.autonomy, text, self._event.data, left))
 
     def on_enter_state(self, state: Any) -> None:
         """A state becomes active: its time-outs begin."""
         found = self._by_id.get(state.id)
         if found is None:
             return
+        self._visits[state.id] = threading.Event()
         if self._history is not None:
             self._history.entered(state.id)
         for k, way in enumerate(found.transitions):
@@ -230,21 +246,24 @@ class Chart(Interpreter):
                 self._begin_timeout(found.id, f"{_AFTER}.{found.id}.{k}", way.file.after)
 
     def _begin_timeout(self, state: str, event: str, after: Any) -> None:
+        left = self._visits[state]
         try:
             seconds = float(self._value(after))
             if not 0 < seconds < float("inf"):
                 raise ValueError(f"got {seconds:g}; expected a time in s, above 0")
         except (NameError, TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as problem:
             text = f"{state}: after: {after!r} is no time: {problem}"
-            self.post(Event("error.execution", {"message": text, "reason": "bad_argument", "source": state}))
+            self.post(Event("error.execution", {"message": text, "reason": "bad_argument", "source": state}, left))
             return
-        take_back = self._clock.after(seconds, lambda: self.post(Event(event)))
+        take_back = self._clock.after(seconds, lambda: self.post(Event(event, left=left)))
         self._timeouts.setdefault(state, []).append(take_back)
 
     def on_exit_state(self, state: Any, event: Any) -> None:
         """A state is left: its time-outs end, and its retries, unless it is entered for another one."""
         for take_back in self._timeouts.pop(state.id, []):
             take_back()
+        if (left := self._visits.pop(state.id, None)) is not None:
+            left.set()
         self._withdraw(state.id)
         found, name = self._by_id.get(state.id), str(event or "")
         if found is not None and found.file.retry:
@@ -322,18 +341,26 @@ class Chart(Interpreter):
 
 
 class _ActivityInvoker:
-    """What python-statemachine runs (in a thread of its own) when a state with `do:` is entered, and cancels when it is left."""
+    """What python-statemachine runs (in a thread of its own) when a state with `do:` is entered, and cancels when it is left.
+
+    There is one for all visits of a state: an activity that ends slowly may still run when the state is entered anew.
+    """
 
     def __init__(self, chart: Chart, state: State):
         self._chart, self._state = chart, state
         self.invoke_id, self.idlocation, self.autoforward = state.id, None, False
-        self._running: Activity | None = None
+        self._lock = threading.Lock()
+        self._running: dict[threading.Event, Activity | None] = {}
+        """each visit's cancellation → its activity, once that was made"""
 
     def run(self, ctx: InvokeContext) -> None:
         """Do the activity and post how it ended; returns when the state is left, so that the machine hears of it only once."""
+        with self._lock:
+            self._running[ctx.cancelled] = None
+        if self._chart.abandoned:
+            ctx.cancelled.set()
         event = self._outcome(ctx)
-        if not ctx.cancelled.is_set():
-            self._chart.post(event)
+        self._chart.post(replace(event, left=ctx.cancelled))
         ctx.cancelled.wait()
 
     def _outcome(self, ctx: InvokeContext) -> Event:
@@ -341,10 +368,12 @@ class _ActivityInvoker:
         try:
             if not self._chart.gate.admit(source, ctx.cancelled):
                 raise ActivityFailed("cancelled", f"{source} was left before it began")
-            self._running = self._chart.make_activity(self._state)
+            activity = self._chart.make_activity(self._state)
+            with self._lock:
+                self._running[ctx.cancelled] = activity
             if ctx.cancelled.is_set():
-                self._running.cancel()
-            return Event(f"done.invoke.{source}", self._running.run())
+                activity.cancel()
+            return Event(f"done.invoke.{source}", activity.run())
         except ActivityFailed as failed:
             name = "error.execution" if self._chart.fails_for_good(self._state, failed.reason) else f"{_RETRY}.{source}"
             return Event(name, {"message": str(failed), "reason": failed.reason, "source": source})
@@ -354,16 +383,28 @@ class _ActivityInvoker:
             text = f"{self._state.file.do} crashed: {type(crash).__name__}: {crash}"
             return Event("error.execution", {"message": text, "reason": "crashed", "source": source})
         finally:
-            self._running = None
+            with self._lock:
+                del self._running[ctx.cancelled]
 
     def on_cancel(self) -> None:
         """Called by the driving thread after the state was left."""
         self._chart.gate.wake()
-        if (running := self._running) is not None:
+        with self._lock:
+            over = [activity for cancelled, activity in self._running.items() if cancelled.is_set() and activity]
+        for activity in over:
+            if activity.cancelled.is_set():
+                continue
             try:
-                running.cancel()
+                activity.cancel()
             except Unreachable as silent:
                 _log.warning("state %s: %s", self._state.id, silent)
+
+    def abandon(self) -> None:
+        """Cancel what runs, though the machine does not leave the state."""
+        with self._lock:
+            for cancelled in self._running:
+                cancelled.set()
+        self.on_cancel()
 
 
 def _told(event: str) -> str:

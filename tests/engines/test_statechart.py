@@ -343,4 +343,64 @@ def test_leave_that_comes_too_late_changes_nothing(begin):
     chart.step()
     chart.allow(asked[0])
     chart.step()
-    assert begin.step(2).state.id == "asking"
+    assert chart.active() == ["asking"]
+    assert not begin.step(2).cancelled.is_set()
+
+
+LOOP = """\
+states:
+  asking:
+    do: prompt
+    with: {text: "{n}"}
+    transitions:
+      - {after: 2, target: asking, set: {answer: "'late'"}}
+      - {event: done.invoke.asking, target: between, set: {n: n + 1}}
+      - {event: error.execution, target: bad}
+  between: {transitions: [{cond: n < 9, target: asking}, {target: bad}]}
+  bad: {final: true, outcome: failed}
+"""
+
+
+def test_what_was_about_an_earlier_visit_of_a_state_does_not_end_the_next_one(begin, clock, monkeypatch):
+    chart, posted, post = begin(LOOP), threading.Semaphore(0), Chart.post
+    monkeypatch.setattr(Chart, "post", lambda self, event: (post(self, event), posted.release()))
+    begin.step(1).end({})
+    assert posted.acquire(timeout=10)
+    clock.tick(NOW + 2_000_000_000)  # it is over just when the activity has ended
+    chart.take("asking", 1)
+    for _ in range(3):
+        chart.step()
+    assert chart.variables() == {"n": 1, "answer": "", "why": ""}
+    assert chart.active() == ["asking"] and not begin.step(2).cancelled.is_set()
+
+
+def test_a_failure_that_comes_as_a_time_out_leads_on_is_not_the_next_states(begin, clock, monkeypatch):
+    chart, posted, post = begin(LOOP), threading.Semaphore(0), Chart.post
+    clock.tick(NOW + 2_000_000_000)
+    monkeypatch.setattr(Chart, "post", lambda self, event: (post(self, event), posted.release()))
+    begin.step(1).end(ActivityFailed("stall", "stuck"))
+    assert posted.acquire(timeout=10)
+    chart.step()
+    chart.step()
+    assert chart.variables()["answer"] == "late"
+    assert chart.active() == ["asking"]
+
+
+def test_an_activity_that_ends_long_after_its_state_was_left_does_not_keep_the_next_from_being_cancelled(
+    begin, clock, monkeypatch
+):
+    monkeypatch.setattr(Step, "cancel", Activity.cancel)  # it takes its time
+    monkeypatch.setattr("threading.Thread.join", lambda thread, timeout=None: None)  # as for what takes above 2 s
+    chart = begin(LOOP)
+    first, invoker = begin.step(1), chart._invokers[0]
+    clock.tick(NOW + 2_000_000_000)
+    chart.step()
+    second = begin.step(2)
+    assert first.cancelled.is_set() and not second.cancelled.is_set()
+    first.end({})
+    chart.step()  # what it says
+    assert len(invoker._running) == 1
+    chart.stop()
+    chart.step()
+    assert second.cancelled.is_set()
+    second.end({})

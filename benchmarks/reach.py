@@ -99,7 +99,6 @@ class Reaches:
             self.start,
             constraints=goals,
             torque=self.planner.torque_limit(plan.joints),
-            between=1.0,
         )
 
 

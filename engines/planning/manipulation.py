@@ -24,7 +24,7 @@ from engines.planning.plan import Plan, Segment
 from engines.planning.stroke import ARCS, STARTS, Stroke
 from engines.planning.timing import Limits, parametrise
 from engines.planning.tip_solver import TipSolver, starts
-from engines.planning.verifier import verify
+from engines.planning.verifier import Verifier
 from engines.planning.visit import Visit
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
 from handrail.robot.description import Arm, RobotDescription
@@ -104,7 +104,7 @@ class ManipulationPlanner:
             )
             legs, outputs = stroke.legs(arc, entry_shift)
             plan = self._timed(legs, instance, visit, side, assessor, outputs, position)
-            self._verify(plan, legs, scene, assessor, position)
+            self._verify(plan, legs, scene, assessor, position, cancelled or _never)
             return replace(plan, made_from={**plan.made_from, **{other.name: other.version for other in others}})
 
     def rank(
@@ -137,13 +137,16 @@ class ManipulationPlanner:
                     found += BehaviourSearch(visit, solver, assessor, never).choices(visit.arc_centres(ARCS), postures)
         return ranked(found)
 
-    def _verify(self, plan: Plan, legs: list[Leg], scene: CollisionScene, assessor: Assessor, position: Array) -> None:
-        """Raises Infeasible where a look at the finished plan finds anything that it misses."""
+    def _verify(
+        self, plan: Plan, legs: list[Leg], scene: CollisionScene, assessor: Assessor, position: Array,
+        cancelled: Callable[[], bool],
+    ) -> None:  # fmt: skip
+        """Raises Infeasible where a look at the finished plan finds anything that it misses, Cancelled as asked."""
         limits = Limits(self.limits.velocity[assessor.rows], self.limits.acceleration[assessor.rows])
-        found = verify(
-            plan, scene.world, limits, scene.configurations(position[None])[0], margins=_VERIFIED,
+        found = Verifier(scene.world, margins=_VERIFIED).violations(
+            plan, limits, scene.configurations(position[None])[0],
             touching={leg.name: scene.touching for leg in legs if leg.may_touch},
-            torque=self._description.torque_limit[assessor.rows],
+            torque=self._description.torque_limit[assessor.rows], cancelled=cancelled,
         )  # fmt: skip
         if found:
             raise found[0].error()

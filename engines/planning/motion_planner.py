@@ -33,14 +33,14 @@ from engines.planning.ik.report import Answer
 from engines.planning.ik.solver import Solver
 from engines.planning.ik.trajectory import TrajectorySolver
 from engines.planning.manipulation import TORQUE_SHARE
-from engines.planning.measures import RESIDUAL, TILT, Measure
+from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Gauge, Measure
 from engines.planning.obstacles import Obstacle, obstacles_of
 from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
 from engines.planning.seen import Eyes, Seen
 from engines.planning.sweep import cubics
 from engines.planning.timing import Knots, Limits, parametrise
-from engines.planning.verification import BETWEEN, Verified, Verifier
+from engines.planning.verifier import BETWEEN, Verifier
 from engines.planning.world import World
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
@@ -247,9 +247,10 @@ class _Search:
         solids = [*(solid for instance in motion.obstacles for solid in obstacles_of(instance)), *motion.seen]
         allowed = [*planner._description.allowed_collision_pairs, *motion.touching]
         self._world = World(mechanism, solids, allowed, moving=motion.moving)
-        self._connector = Connector(
-            self._world, margins=Margins(motion.clearance, motion.clearance), cancelled=cancelled
-        )
+        margins = Margins(motion.clearance, motion.clearance)
+        self._connector = Connector(self._world, margins=margins, cancelled=cancelled)
+        self._gauge = Gauge(self._world, motion.moving, self._whole)
+        self._verifier = Verifier(self._world, margins=margins, near=LENGTH)
         told = {joint for one in (*motion.goals, *chain.from_iterable(motion.through)) for joint in _told(one)}
         free = tuple(joint for joint in motion.moving if joint not in told)
         self._always: list[Constraint] = [
@@ -267,22 +268,9 @@ class _Search:
         first: Infeasible | None = None
         for name, paths in self._ways():
             try:
-                segments, verified, key_times = self._timed(paths, limits, name)
+                return self._timed(paths, limits, name)
             except Infeasible as problem:
                 first = first or problem
-                continue
-            return Plan(
-                id=f"plan-{uuid.uuid4().hex[:12]}",
-                label=motion.label,
-                arm=motion.arm,
-                joints=motion.moving,
-                segments=segments,
-                made_from=motion.made_from,
-                start=self._start[self._rows],
-                clearance=min(one.clearance.worst().value for one in verified),
-                limit_margin=min(one.limit_margin.worst().value for one in verified),
-                key_times=key_times,
-            )
         raise first or Infeasible("way", 0.0, "rad", "goals", "was not found")
 
     def _whole(self, postures: Array) -> Array:
@@ -418,10 +406,8 @@ class _Search:
 
     # ------------------------------------------------------------------------------------------------------ time and checks
 
-    def _timed(
-        self, ways: list[Array], limits: Limits, name: str
-    ) -> tuple[tuple[Segment, ...], list[Verified], tuple[float, ...]]:
-        """Segments through the ways, verified, and s at which key frames are passed. Raises Infeasible."""
+    def _timed(self, ways: list[Array], limits: Limits, name: str) -> Plan:
+        """A plan of segments through the ways, verified. Raises Infeasible, Cancelled."""
         self._progress("time, and a check of all of it")
         motion = self._motion
         whole = name != "goals"
@@ -432,25 +418,42 @@ class _Search:
             else [*(f"through {n}" for n in range(1, len(ways))), "goals"]
         )
         lengths = np.array([max(float(np.abs(np.diff(way, axis=0)).sum(axis=0).max()), 1e-9) for way in ways])
-        verifier = Verifier(self._world, self._planner._solver.checker)
-        segments, verified = [], []
+        torque = self._planner.torque_limit(motion.moving)
+        segments = []
         for way, share, goals, where in zip(ways, lengths / lengths.sum(), reached, names, strict=True):
             self._check()
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
-            carried = verifier.torques(knots, self._whole, self._rows, self._planner.torque_limit(motion.moving), where)
-            found = verifier.verify(
-                knots, self._whole, self._rows, limits, goals, motion.keep, motion.clearance, where=where,
-                cancelled=self._cancelled,
-            )  # fmt: skip
-            verified.append(found)
-            measures = (*found.measures, carried, *self._met(goals, knots))
-            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
+            measures = self._gauge.motion(knots.times, knots.positions, knots.velocities, torque, self._check)
+            met = self._met(goals, knots)
+            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=(*measures, *met)))
         ends = np.cumsum([segment.duration for segment in segments])
+        worst = {
+            figure: min(each.values.min() for one in segments for each in one.measures if each.name == figure)
+            for figure in (CLEARANCE, LIMIT_MARGIN)
+        }
+        plan = Plan(
+            id=f"plan-{uuid.uuid4().hex[:12]}",
+            label=motion.label,
+            arm=motion.arm,
+            joints=motion.moving,
+            segments=tuple(segments),
+            made_from=motion.made_from,
+            start=self._start[self._rows],
+            clearance=float(worst[CLEARANCE]),
+            limit_margin=float(worst[LIMIT_MARGIN]),
+        )
+        held = [replace(one, window=(0.0, float(ends[-1]))) for one in motion.keep]
+        for goals, end in zip(reached, ends.tolist(), strict=True):
+            held += [replace(one, window=(end, end)) for one in goals]
+        found = self._verifier.violations(
+            plan, limits, self._start, constraints=held, torque=torque, cancelled=self._cancelled
+        )
+        if found:
+            raise found[0].error()
         if motion.along is not None:
             self._stays(motion.along, segments[0])
-        passed = self._passes(segments[0]) if whole else tuple(ends[:-1].tolist())
-        return tuple(segments), verified, passed
+        return replace(plan, key_times=self._passes(segments[0]) if whole else tuple(ends[:-1].tolist()))
 
     def _certain(self, knots: Knots, where: str) -> None:
         """Raise Infeasible unless the motion between the knots, a cubic through them, keeps clear all along."""

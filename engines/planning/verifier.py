@@ -1,4 +1,5 @@
-"""Whether a whole timed plan keeps what it must: looked at ten times as densely as its knots, before it may be returned.
+"""Whether a whole timed plan, stroke or motion, keeps what it must: looked at ten times as densely as its knots, before it may be
+returned.
 
 Shares nothing with planners but the robot's model and bodies: curves are evaluated in their power basis, bodies that come too near
 are found by coal's broad phase with a security margin, constraints are measured by `ik.checker`, torques by pinocchio's inverse
@@ -7,7 +8,7 @@ dynamics. A mistake in a path, a spline, a profile or a certificate shows here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,7 +21,7 @@ from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
 from engines.planning.margins import Margins
-from engines.planning.plan import Infeasible
+from engines.planning.plan import Cancelled, Infeasible
 from engines.planning.timing import Limits
 from engines.planning.world import World
 
@@ -30,11 +31,17 @@ Names = tuple[tuple[str, str], ...]
 DENSITY = 10
 """looks at each stretch between knots"""
 NEAR = 1e-3
-"""m, by what a clearance may be missed"""
+"""m, by what a clearance may be missed if nothing else is said"""
+BETWEEN = 20.0
+"""times as much as at an instant (0.1 mm, 1 mrad) a constraint may be missed by that holds for longer"""
 _SHARE = 1e-3
 """of a limit on velocity, acceleration or torque, by what it may be passed"""
 MOVED = 0.005
 """rad (m): bodies and constraints are not looked at anew before some joint has moved by this since the last look"""
+_OUT = 1e-4
+"""rad (m), by what a joint's limit may be passed"""
+_SAME = 1e-6
+"""rad/s² between two pieces: torques at their knot are the same"""
 _REST, _GAP = 1e-6, 1e-6
 """rad/s at both ends of a segment, rad between segments"""
 
@@ -92,42 +99,34 @@ class _Looks:
     accelerations: Array
 
 
-def verify(
-    plan: Motion, world: World, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
-    margins: Margins | None = None, touching: Mapping[str, Names] | None = None, torque: Array | None = None,
-    between: float = 20.0,
-) -> tuple[Violation, ...]:  # fmt: skip
-    """All that a plan misses, each figure once, at the time when it is worst; by segments, the worst of each kind first.
-
-    :param limits: of the plan's joints, (m,) each
-    :param at: (nq,) of the world's mechanism, where joints that the plan does not move stand
-    :param constraints: in their windows, s from the plan's beginning
-    :param margins: of clearance; None: the defaults
-    :param touching: segment → pairs of names (wildcards) that may touch in it, besides those that the world allows
-    :param torque: (m,) N·m that the plan's joints have against gravity and inertia; None: not looked at
-    :param between: what constraints may be missed by between knots, as a multiple of 0.1 mm, 1 mrad
-    :raises ValueError: joints that the mechanism does not have, arrays of wrong shapes
-    """
-    return tuple(Verifier(world, margins=margins).violations(
-        plan, limits, at, constraints=constraints, touching=touching or {}, torque=torque, between=between
-    ))  # fmt: skip
-
-
 class Verifier:
     """Verifies plans in one world; keeps its memory. Not for several threads at once."""
 
-    def __init__(self, world: World, *, margins: Margins | None = None):
-        self._world, self._mechanism = world, world.mechanism
+    def __init__(self, world: World, *, margins: Margins | None = None, near: float = NEAR):
+        """`margins` of clearance (None: the defaults), which may be missed by `near` m."""
+        self._world, self._mechanism, self._missed = world, world.mechanism, near
         self._model = world.mechanism.model
         self._data, self._scratch = self._model.createData(), world.geometry.createData()
         self._floors = (margins or Margins()).floors(world)
-        self._broad = BroadPhase(world, self._floors - NEAR)
+        self._broad = BroadPhase(world, self._floors - near)
+        self._checker = Checker(world.mechanism)
 
     def violations(
         self, plan: Motion, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
-        touching: Mapping[str, Names] | None = None, torque: Array | None = None, between: float = 20.0,
+        touching: Mapping[str, Names] | None = None, torque: Array | None = None,
+        cancelled: Callable[[], bool] | None = None,
     ) -> list[Violation]:  # fmt: skip
-        """As `verify`."""
+        """All that a plan misses, each figure once, at the time when it is worst; by segments, the worst of each kind first.
+
+        :param limits: of the plan's joints, (m,) each
+        :param at: (nq,) of the world's mechanism, where joints that the plan does not move stand
+        :param constraints: in their windows, s from the plan's beginning
+        :param touching: segment → pairs of names (wildcards) that may touch in it, besides those that the world allows
+        :param torque: (m,) N·m that the plan's joints have against gravity and inertia; None: not looked at
+        :param cancelled: asked often; Cancelled is raised soon after it says True
+        :raises ValueError: joints that the mechanism does not have, arrays of wrong shapes
+        """
+        going = cancelled or _never
         at = self._mechanism.check_configuration("at", at)
         rows = [self._mechanism.row(joint) for joint in plan.joints]
         found = list(self._joined(plan))
@@ -144,11 +143,11 @@ class Verifier:
             floors = self._floors.copy()
             if names := (touching or {}).get(segment.name):
                 floors[self._world.touching(*names)] = -np.inf
-            found += _worst(segment.name, self._of_bodies(times, q, floors))
+            found += _worst(segment.name, self._of_bodies(times, q, floors, going))
             if torque is not None:
                 found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, at, torque))
             if constraints:
-                found += _worst(segment.name, self._of_constraints(constraints, begin, times, q, between))
+                found += _worst(segment.name, self._of_constraints(constraints, begin, times, q, going))
             begin += float(segment.times[-1])
         return found
 
@@ -193,7 +192,7 @@ class Verifier:
             low, high = float(self._mechanism.lower[row]), float(self._mechanism.upper[row])
             for look in (int(looks.positions[:, column].argmin()), int(looks.positions[:, column].argmax())):
                 value = float(looks.positions[look, column])
-                yield float(looks.times[look]), Measure("joint limits", joint, value, low, high, unit), 1e-6
+                yield float(looks.times[look]), Measure("joint limits", joint, value, low, high, unit), _OUT
             for name, values, bound, rate in (
                 ("velocity limits", looks.velocities, limits.velocity, "/s"),
                 ("acceleration limits", looks.accelerations, limits.acceleration, "/s²"),
@@ -202,24 +201,30 @@ class Verifier:
                 measure = Measure(name, joint, float(values[look, column]), -most, most, unit + rate)
                 yield float(looks.times[look]), measure, _SHARE * most
 
-    def _of_bodies(self, times: Array, q: Array, floors: Array) -> Iterator[tuple[float, Measure, float]]:
+    def _of_bodies(
+        self, times: Array, q: Array, floors: Array, cancelled: Callable[[], bool]
+    ) -> Iterator[tuple[float, Measure, float]]:
         world, scratch = self._world, self._scratch
         self._broad.only(floors > -np.inf)
         for time, configuration in zip(times.tolist(), q, strict=True):
+            _go_on(cancelled)
             if not self._broad.met(configuration):
                 continue
             pin.computeDistances(self._model, self._data, world.geometry, scratch, configuration)
             for pair, (found, floor) in enumerate(zip(scratch.distanceResults, floors.tolist(), strict=True)):
-                if found.min_distance < floor - NEAR:
+                if found.min_distance < floor - self._missed:
                     distance = float(found.min_distance)
-                    yield time, Measure("clearance", world.between(pair), distance, floor, np.inf, "m"), NEAR
+                    yield time, Measure("clearance", world.between(pair), distance, floor, np.inf, "m"), self._missed
 
     def _of_torques(
         self, joints: tuple[str, ...], rows: list[int], looks: _Looks, at: Array, torque: Array
     ) -> Iterator[tuple[float, Measure, float]]:
         """At both ends and in the middle of each piece, over which accelerations are linear."""
         q, v, a = at.copy(), np.zeros(self._model.nv), np.zeros(self._model.nv)
-        seen = np.arange(len(looks.times)).reshape(-1, DENSITY + 1)[:, [0, DENSITY // 2, DENSITY]].reshape(-1)
+        pieces = np.arange(len(looks.times)).reshape(-1, DENSITY + 1)
+        ends, begins = pieces[:, DENSITY], pieces[1:, 0]
+        jumps = np.abs(looks.accelerations[begins] - looks.accelerations[ends[:-1]]).max(axis=1) > _SAME
+        seen = np.concatenate([pieces[:, 0], pieces[:, DENSITY // 2], ends[np.append(jumps, True)]])
         needed = np.empty((len(seen), len(rows)))
         columns = self._mechanism.coordinate[rows]
         for row, k in enumerate(seen.tolist()):
@@ -231,14 +236,25 @@ class Verifier:
             yield float(looks.times[seen[look]]), measure, _SHARE * most
 
     def _of_constraints(
-        self, constraints: Sequence[Constraint], begin: float, times: Array, q: Array, between: float
+        self, constraints: Sequence[Constraint], begin: float, times: Array, q: Array, cancelled: Callable[[], bool]
     ) -> Iterator[tuple[float, Measure, float]]:
-        checker = Checker(self._mechanism)
         for time, configuration in zip(times.tolist(), q, strict=True):
             now = [c for c in constraints if c.window[0] - 1e-9 <= begin + time <= c.window[1] + 1e-9]
             if now:
-                for measure in checker.measures(now, configuration):
-                    yield time, measure, between * (ANGLE if measure.unit == "rad" else LENGTH)
+                _go_on(cancelled)
+            for constraint in now:
+                loose = BETWEEN if constraint.window[1] > constraint.window[0] else 1.0
+                for measure in self._checker.measures([constraint], configuration):
+                    yield time, measure, loose * (ANGLE if measure.unit == "rad" else LENGTH)
+
+
+def _never() -> bool:
+    return False
+
+
+def _go_on(cancelled: Callable[[], bool]) -> None:
+    if cancelled():
+        raise Cancelled("planning was cancelled")
 
 
 def _looks(segment: Stretch) -> _Looks:

@@ -13,12 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engines.planning.ik.checker import ANGLE, LENGTH
+from engines.planning.ik.report import Measure as Missed
 from engines.planning.manipulation import VELOCITY_SHARE
+from engines.planning.margins import Margins
+from engines.planning.measures import TORQUE_SHARE
 from engines.planning.motion_planner import MotionPlanner
 from engines.planning.plan import Cancelled, Infeasible, Plan
 from engines.planning.planners import Planners
-from engines.planning.timing import Knots, Limits, accelerations, peak_velocities
-from engines.planning.verification import Verifier
+from engines.planning.timing import Knots, Limits, peak_velocities
+from engines.planning.verifier import Verifier, Violation
 from handrail.messages import (
     Along,
     FrameGoal,
@@ -320,42 +323,52 @@ def test_planning_is_cancelled_soon_and_the_same_question_has_the_same_answer(be
 
 
 def test_the_verifier_finds_what_planning_would_have_missed(bench, nominal_wheel, monkeypatch):
-    """Every promise broken in turn, on the knots of a plan that keeps them all."""
+    """Every promise broken in turn, in the plan that was verified and keeps them all."""
     seen = {}
 
-    def spy(self, knots, whole, rows, limits, goals, keep, at_least, **more):
-        seen["question"] = (self, knots, whole, rows, limits, goals, keep, at_least)
-        seen["more"] = more
-        return verify(self, knots, whole, rows, limits, goals, keep, at_least, **more)
+    def spy(self, plan, limits, at, **more):
+        seen["question"] = (self, plan, limits, at, more)
+        return violations(self, plan, limits, at, **more)
 
-    verify = Verifier.verify
-    monkeypatch.setattr(Verifier, "verify", spy)
+    violations = Verifier.violations
+    monkeypatch.setattr(Verifier, "violations", spy)
     goal = FrameGoal(pose=Pose(position=(0.4, -0.2, 0.3)), angle=ANY)
-    plan = bench.plan([nominal_wheel], goals=[goal])
-    verifier, knots, whole, rows, limits, goals, keep, at_least = seen["question"]
-    assert np.abs(accelerations(knots)).max() > 0.1
+    bench.plan([nominal_wheel], goals=[goal])
+    verifier, plan, limits, at, more = seen["question"]
+    knots = plan.segments[0]
 
-    def broken(**changes):
-        asked = {"knots": knots, "limits": limits, "at_least": at_least} | changes
-        with pytest.raises(Infeasible) as caught:
-            verify(
-                verifier, asked["knots"], whole, rows, asked["limits"], goals, keep, asked["at_least"], **seen["more"]
-            )
-        return caught.value.constraint
+    def broken(limits=limits, torque=more["torque"], judge=verifier, **changes):
+        one = dataclasses.replace(plan, segments=(dataclasses.replace(knots, **changes),))
+        found = violations(judge, one, limits, at, **(more | {"torque": torque}))
+        return {violation.measure.constraint for violation in found}
 
+    assert broken() == set()
     bump = np.zeros_like(knots.positions)
     bump[len(bump) // 2, 3] = 0.002  # a jolt, in one knot only
-    assert broken(knots=dataclasses.replace(knots, positions=knots.positions + bump)) == "acceleration limits"
-    assert broken(limits=Limits(limits.velocity * 0.02, limits.acceleration)) == "velocity limits"
-    late = dataclasses.replace(
-        knots, times=knots.times[:-9], positions=knots.positions[:-9], velocities=knots.velocities[:-9]
-    )
-    assert broken(knots=late).startswith("goals[0]")
-    assert broken(at_least=0.14) == "clearance"
-    weak = bench.planner.torque_limit(plan.joints) * 0.01
-    with pytest.raises(Infeasible, match="joint torque"):
-        verifier.torques(knots, whole, rows, weak, "goals")
+    assert "acceleration limits" in broken(positions=knots.positions + bump)
+    assert broken(limits=Limits(limits.velocity * 0.02, limits.acceleration)) == {"velocity limits"}
+    stays = np.repeat(knots.positions[:1], len(bump), axis=0)
+    assert {one[:8] for one in broken(positions=stays, velocities=0.0 * bump)} == {"goals[0]"}
+    wary = Verifier(verifier._world, margins=Margins(0.14, 0.14))
+    assert broken(judge=wary) == {"clearance"}
+    assert broken(torque=more["torque"] * 0.01) == {"torque limits"}
+    assert broken(positions=knots.positions * np.nan) == {"finite numbers"}
     weight = np.abs(bench.kinematics.gravity(bench.home))[bench.description.index(plan.joints)]
-    share = verifier.torques(knots, whole, rows, weak * 100.0, "goals").values[0]
-    assert share == pytest.approx((weight / weak / 100.0).max(), abs=0.05), "at rest it is the weight"
-    assert broken(knots=dataclasses.replace(knots, positions=knots.positions * np.nan)) == "finite numbers"
+    share = plan.measures[TORQUE_SHARE].values[0]
+    assert share == pytest.approx((weight / more["torque"]).max(), abs=0.05), "at rest it is the weight"
+
+
+def test_no_plan_is_returned_that_the_verifier_refuses(bench, nominal_wheel, planner, description, monkeypatch):
+    """Whatever made it: a motion or a stroke."""
+    asked = []
+
+    def refuse(self, plan, *_, **__):
+        asked.append(plan.joints)
+        return [Violation(plan.segments[0].name, 0.5, Missed("whim", "of a test", 2.0, 0.0, 1.0, "m"))]
+
+    monkeypatch.setattr(Verifier, "violations", refuse)
+    with pytest.raises(Infeasible, match=r"goals: whim \(of a test\) is 2 m at 0\.5 s, missed by 1 m"):
+        bench.plan([nominal_wheel], goals=[PostureGoal(name="ready")])
+    with pytest.raises(Infeasible, match="whim"):
+        planner.plan(nominal_wheel, "turn", "right", description.home_position("ready"))
+    assert len(asked) >= 2

@@ -21,7 +21,7 @@ from engines.planning.obstacles import Obstacle
 from engines.planning.plan import Infeasible, Plan, Segment
 from engines.planning.sweep import Sweep
 from engines.planning.timing import Limits, parametrise
-from engines.planning.verifier import verify
+from engines.planning.verifier import Verifier
 from engines.planning.world import World
 from handrail.robot import description as robots
 from handrail.robot.srdf import disabled_pairs
@@ -129,7 +129,7 @@ def planned(robot: Robot, seed: int) -> bool:
     segment = Segment("go", knots.times, knots.positions, knots.velocities)
     plan = Plan("plan", "go", "", robot.joints, (segment,), {}, start[robot.columns], 0.0, 0.0)
     end = Position.at(robot.tool, target, name="goal", window=(segment.duration, segment.duration))
-    assert verify(plan, world, robot.limits, start, constraints=[end], margins=MARGINS, between=1.0) == ()
+    assert Verifier(world, margins=MARGINS).violations(plan, robot.limits, start, constraints=[end]) == []
     return True
 
 

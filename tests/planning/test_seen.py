@@ -19,7 +19,7 @@ from engines.planning.planners import Planners
 from engines.planning.point_distance import PointDistance
 from engines.planning.seen import RESOLUTION, Eyes
 from engines.planning.sweep import Sweep, lines
-from engines.planning.verifier import verify
+from engines.planning.verifier import Verifier
 from engines.planning.world import World
 from handrail import cloud
 from handrail.messages import FrameGoal, PlanMotion, Pose
@@ -157,7 +157,8 @@ def test_a_motion_keeps_clear_of_what_is_seen(ready, board, description):
 
     def missed(plan):
         limits = planner.limits_of(plan.joints, ready)
-        return {violation.measure.constraint for violation in verify(plan, world, limits, ready, margins=margins)}
+        found = Verifier(world, margins=margins).violations(plan, limits, ready)
+        return {violation.measure.constraint for violation in found}
 
     assert missed(planner.plan(question, home)) == {"clearance"}, "what nobody sees is run into"
     around = FrameGoal(pose=Pose(position=(0.38, -0.35, 0.1)), angle=np.pi)

@@ -15,7 +15,7 @@ from engines.planning.margins import Margins
 from engines.planning.obstacles import Obstacle
 from engines.planning.plan import Plan, Segment
 from engines.planning.timing import Limits, parametrise
-from engines.planning.verifier import verify
+from engines.planning.verifier import Verifier
 from engines.planning.world import World
 
 JOINT = "torso_1_joint"
@@ -61,6 +61,10 @@ def world(mechanism, description, joints):
     return World(mechanism, (), description.allowed_collision_pairs, moving=joints)
 
 
+def verify(plan, world, limits, at, *, margins=None, **more):
+    return Verifier(world, margins=margins).violations(plan, limits, at, **more)
+
+
 def with_segment(plan, number, **changes):
     segments = list(plan.segments)
     segments[number] = dataclasses.replace(segments[number], **changes)
@@ -69,7 +73,7 @@ def with_segment(plan, number, **changes):
 
 def test_a_sound_plan_has_nothing_to_be_said_against_it(plan, world, limits, ready, description, joints):
     torque = description.torque_limit[description.index(joints)]
-    assert verify(plan, world, limits, ready, torque=torque) == ()
+    assert verify(plan, world, limits, ready, torque=torque) == []
 
 
 def test_a_plan_that_is_too_fast_is_found_in_velocity_and_acceleration(plan, world, limits, ready):
@@ -147,7 +151,7 @@ def test_a_constraint_is_looked_at_in_its_window_only(plan, world, limits, ready
     end = plan.segments[0].duration
     stays = Position.at("tool_right_tip", here, name="stays", window=(0.0, 0.0))
     returns = Position.at("tool_right_tip", here, name="returns", window=(plan.duration, plan.duration))
-    assert verify(plan, world, limits, ready, constraints=[stays, returns]) == ()
+    assert verify(plan, world, limits, ready, constraints=[stays, returns]) == []
     away = Position.at("tool_right_tip", here, name="away", window=(end, end))
     found = verify(plan, world, limits, ready, constraints=[away])
     assert {v.measure.constraint for v in found} == {"away"}

@@ -83,6 +83,8 @@ class Motion:
         self._gate = threading.Condition()
         self._paused = False
         self._action = ""
+        self._cancelled = threading.Event()
+        """of the action that runs"""
         self._still: Callable[[], str] = _always
         self._outdated = ""
         self._name = uuid.uuid4().hex[:8]
@@ -184,9 +186,9 @@ class Motion:
                 self._action
             ):  # a state was left in the middle of it: its joints are free once it stands, in simulated time, too
                 self._daemon.release_time()
-            self._gate.wait_for(lambda: not (self._paused or self._action) or cancelled.is_set())
             gives_up = time.monotonic() + _MAKING_S
             while True:
+                self._gate.wait_for(lambda: not (self._paused or self._action) or cancelled.is_set())
                 if cancelled.is_set():
                     raise MotionFailed("cancelled", f"{what}: it was cancelled", started=False)
                 if why := still():
@@ -199,10 +201,13 @@ class Motion:
                         said = f"{what}: the daemon refused it: {refused}"
                         raise MotionFailed("refused", said, started=False) from refused
                 except Unreachable as silent:
+                    with contextlib.suppress(
+                        RefusedError, Unreachable
+                    ):  # it may have begun, and only the answer was lost
+                        self._daemon.call(CancelAction(id=message.id))
                     raise MotionFailed("daemon_lost", f"{what}: {silent}") from silent
-                self._gate.wait(_AGAIN_S)  # others may pause and cancel meanwhile
-                self._gate.wait_for(lambda: not self._paused or cancelled.is_set())
-            self._action, self._still = message.id, still
+                self._gate.wait(_AGAIN_S)  # others may pause, cancel, and start theirs meanwhile
+            self._action, self._cancelled, self._still = message.id, cancelled, still
 
     def pause(self) -> None:
         """Stop moving along the path, and start nothing new. Raises Unreachable when the daemon does not answer: then it is not
@@ -221,10 +226,13 @@ class Motion:
             self._gate.notify_all()
 
     def interrupt(self) -> None:
-        """End the running action, after its `cancelled` was set. Raises Unreachable when the daemon does not answer."""
+        """End the running action if its `cancelled` was set, and let none begin whose was. Raises Unreachable when the daemon does
+        not answer.
+        """
         with self._gate:
             self._gate.notify_all()
-            self._tell(CancelAction)
+            if self._cancelled.is_set():
+                self._tell(CancelAction)
 
     def end(self) -> None:
         """The run has ended: others may command what it did."""

@@ -263,6 +263,10 @@ class ProgramRun:
     def _waits(self, why: str) -> None:
         """An activity waits at the gate, which it has closed itself where there is a reason."""
         with self._lock:
+            if not self.active:
+                return  # its state was left as it came here, and the run has ended
+            if why and self._gate.is_open:
+                why = ""  # the operator has paused and gone on meanwhile
             # The driving thread tells the same soon: whoever reads that a state waits finds it among the active ones.
             now = {"active": self._chart.active() or self._state.active, "data": self._data()}
             if not why or self._stopping:
@@ -292,12 +296,15 @@ class ProgramRun:
             # Whatever went wrong in here, clients must not be left with a run that seems to go on.
             _log.exception("%s crashed", self._context.run)
             status, detail = "failed", f"the engine's own error: {type(crash).__name__}: {crash}"
+            self._chart.abandon()
         finally:
+            self._permissions.withdraw()
             self._services.daemon.tell_no_time(self._clock.tick)
             self._services.daemon.release_time()
         if not self._motion.settled(_SETTLE_S):
             self._services.log("warning", "the program has ended, but the daemon has not told that its motion has")
         self._motion.end()
+        self._services.daemon.release_time()  # its last motion may have asked for time to think at its end
         self._tell(status=status, detail=detail, active=self._chart.active(), data=self._data())
 
     def _data(self) -> dict[str, Any]:

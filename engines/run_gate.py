@@ -52,9 +52,15 @@ class RunGate:
             self._changed.notify_all()
 
     def waiting(self) -> list[str]:
-        """States whose activity has not been let in yet."""
+        """States whose activity has not been let in yet; none that was left meanwhile."""
         with self._changed:
-            return sorted(self._waiting.values())
+            return sorted(state for cancelled, state in self._waiting.items() if not cancelled.is_set())
+
+    @property
+    def is_open(self) -> bool:
+        """Whether activities begin."""
+        with self._changed:
+            return self._open
 
     @property
     def breakpoints(self) -> list[str]:

@@ -10,9 +10,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from engines.autonomy import Question
 from engines.daemon_client import DaemonClient
-from engines.motion import Motion
+from engines.motion import Motion, MotionFailed
 from engines.parts import Parts
+from engines.run import ProgramRun
+from engines.statechart import Event
 from handrail import messages as m
 from handrail.topics import Publisher, RefusedError, Unreachable
 
@@ -274,6 +277,7 @@ class Mute:
             "_lock": threading.Lock(),
             "_watches": {},
             "forget": lambda watch: None,
+            "release_time": lambda: None,
             "alive": lambda: True,
         }[name]
 
@@ -328,3 +332,100 @@ def test_a_loop_that_was_started_anew_is_believed_though_it_counts_its_cycles_fr
     hears(state(0.5, 250, 0.5), 0.5)  # the plant, whose clock it is, was started anew
     client.close()
     publisher.close()
+
+
+def test_a_run_that_crashes_takes_its_motion_and_its_questions_with_it(stack, daemon, wait_until):
+    action = begin(stack, daemon, wait_until)
+    chart, run = stack.engine._run._chart, stack.engine._run
+    run._permissions.ask(Question("stroking", 0, "full", "Go on?", {}))
+    chart.post(Event(None))  # type: ignore[arg-type]  # what the machine can't make anything of
+    ended = stack.ended()
+    assert ended.status == "failed" and "the engine's own error" in ended.detail
+    assert [call.id for call in daemon.calls if isinstance(call, m.CancelAction)] == [action.id]
+    assert daemon.action is None
+    assert stack.call(m.GetEngine()).prompts == []
+    assert not daemon.leases.held()
+
+
+def test_what_a_state_waits_to_move_is_cancelled_without_what_another_moves(wait_until):
+    daemon, reasons = Mute(), []
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
+    moving, waiting = threading.Event(), threading.Event()
+
+    def wait():
+        with pytest.raises(MotionFailed) as failed:
+            motion.run(trajectory, (), waiting)
+        reasons.append(failed.value.reason)
+
+    threading.Thread(target=motion.run, args=(trajectory, (), moving), daemon=True).start()
+    wait_until(lambda: motion._action)
+    second = threading.Thread(target=wait, daemon=True)
+    second.start()
+    waiting.set()
+    motion.interrupt()
+    second.join(30)
+    assert reasons == ["cancelled"]
+    assert not any(isinstance(call, m.CancelAction) for call in daemon.calls)
+    moving.set()
+    motion.interrupt()
+    assert any(isinstance(call, m.CancelAction) for call in daemon.calls)
+
+
+def test_a_motion_of_which_the_daemon_does_not_tell_whether_it_began_is_cancelled():
+    daemon = Mute()
+    daemon.answers = False
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
+    with pytest.raises(MotionFailed, match="no answer") as failed:
+        motion.run(trajectory, (), threading.Event())
+    start, cancel = daemon.calls
+    assert isinstance(cancel, m.CancelAction) and cancel.id == start.id
+    assert failed.value.started, "nobody knows that it has not"
+
+
+def test_an_activity_that_comes_to_a_breakpoint_as_its_run_ends_does_not_wake_it(stack, monkeypatch):
+    stack.place()
+    arrived, let = threading.Event(), threading.Event()
+    waits = ProgramRun._waits
+
+    def late(run, why):
+        arrived.set()
+        assert let.wait(30)
+        waits(run, why)
+
+    monkeypatch.setattr(ProgramRun, "_waits", late)
+    stack.call(m.SetBreakpoints(states=["planning"]))
+    stack.run()
+    assert arrived.wait(30)
+    stack.wait(lambda e: isinstance(e, m.RunState) and e.active == ["planning"])
+    stack.call(m.TakeTransition(state="planning", way=1))
+    assert stack.ended().waiting == []
+    told = stack.call(m.GetEngine()).run
+    let.set()
+    stack.engine._run._chart.gate.wake()
+    for thread in threading.enumerate():
+        if "statemachine" in str(getattr(thread, "_target", "")) or thread.name.endswith("(_run_sync_handler)"):
+            thread.join(30)
+    assert stack.call(m.GetEngine()).run == told and told.status == "failed"
+
+
+def test_who_has_paused_and_gone_on_as_a_breakpoint_was_reached_is_not_paused_by_it(stack, monkeypatch):
+    stack.place()
+    arrived, let = threading.Event(), threading.Event()
+    waits = ProgramRun._waits
+
+    def late(run, why):
+        arrived.set()
+        assert let.wait(30)
+        waits(run, why)
+
+    monkeypatch.setattr(ProgramRun, "_waits", late)
+    stack.call(m.SetBreakpoints(states=["planning"]))
+    stack.run()
+    assert arrived.wait(30)
+    stack.call(m.PauseRun())
+    stack.call(m.ResumeRun())
+    let.set()
+    stack.prompt()
+    assert stack.call(m.GetEngine()).run.status == "running"

@@ -1,0 +1,511 @@
+"""Every message that crosses a process, as typed structs in MessagePack.
+
+SI units, radians, integer nanoseconds of the robot's clock. A pose is position and quaternion (x, y, z, w); a name says its
+frame. Each type states in ``spec`` how it travels: its priority (0 first), whether it is reliable or latest-value, and which
+field makes a newer message supersede an older one. Any MessagePack reader can read them: a struct is a map with its type's
+name under ``type``.
+"""
+
+from __future__ import annotations
+
+from handrail.messages.actions import (
+    ActionEvent,
+    CancelAction,
+    GripperOrder,
+    PauseAction,
+    ResumeAction,
+    SetSpeed,
+    StartAction,
+    StartBehaviour,
+    Step,
+    StreamJoints,
+    StreamPose,
+)
+from handrail.messages.base import (
+    Message,
+    Name,
+    NonNegative,
+    Ok,
+    Pose,
+    Positive,
+    Refused,
+    Spec,
+    Vector,
+    spec,
+)
+from handrail.messages.daemon import (
+    ClearStop,
+    CommandGripper,
+    ConfigureController,
+    ControllerEvent,
+    ControllerInfo,
+    ControllerList,
+    Disable,
+    Enable,
+    GetBase,
+    GetControllers,
+    GetHardware,
+    GetRobot,
+    GetSafety,
+    GetStatus,
+    GetTiming,
+    HardwareComponent,
+    HardwareStatus,
+    HoldTime,
+    LoadController,
+    LoopTiming,
+    ReleaseTime,
+    RobotInfo,
+    SafetyReport,
+    SafetyRule,
+    Stop,
+    SwitchControllers,
+    SwitchRelay,
+    Tared,
+    TareSensor,
+    TimeDistribution,
+    UnloadController,
+)
+from handrail.messages.end_conditions import (
+    ContactEnd,
+    DivergenceEnd,
+    EndCondition,
+    ForceEnd,
+    GripperAtEnd,
+    GripperHoldsEnd,
+    JointLimitEnd,
+    PoseErrorEnd,
+    StallEnd,
+    TimeEnd,
+    TorqueLimitEnd,
+    TravelEnd,
+)
+from handrail.messages.goals import (
+    Along,
+    FrameGoal,
+    GazeGoal,
+    Goal,
+    JointsGoal,
+    KeyFrame,
+    PostureGoal,
+    RelationGoal,
+)
+from handrail.messages.instances import (
+    GetInstances,
+    Instances,
+    InstanceState,
+    MoveInstance,
+    PlaceInstance,
+    RemoveInstance,
+    SetParameters,
+)
+from handrail.messages.motions import (
+    NOT_READY,
+    CartesianImpedance,
+    Compliance,
+    CompliantMotion,
+    Dither,
+    JointsMotion,
+    JointStream,
+    JointTarget,
+    JointTrajectory,
+    Motion,
+    PathForce,
+    TaskAxis,
+    WholeBody,
+)
+from handrail.messages.owners import (
+    BindKeepalive,
+    Challenge,
+    CheckIn,
+    GetChallenge,
+    KeepAlive,
+    Lease,
+    ReleaseKeepalive,
+    ReturnLease,
+    TakeLease,
+)
+from handrail.messages.plans import (
+    CancelPlanning,
+    Choice,
+    Choices,
+    EditPlan,
+    ExecutePlan,
+    GetPlan,
+    MakePlan,
+    PlanMotion,
+    PlanOrigin,
+    PlanPreview,
+    PlanProgress,
+    PlanSegment,
+    PlanSeries,
+    PlanWaypoint,
+    PlanWorst,
+    RankChoices,
+    StaleCause,
+)
+from handrail.messages.plant import (
+    GroundTruth,
+)
+from handrail.messages.programs import (
+    CheckTask,
+    Deploy,
+    Deployment,
+    Library,
+    LibraryEntry,
+    ListLibrary,
+    TaskCheck,
+    TaskStep,
+)
+from handrail.messages.prompts import (
+    AnswerPrompt,
+    Prompt,
+    PromptClosed,
+)
+from handrail.messages.references import (
+    FixedPose,
+    FrameLine,
+    PoseStream,
+    PostureKnots,
+    Reference,
+)
+from handrail.messages.runs import (
+    EngineSnapshot,
+    GetEngine,
+    GetRunHistory,
+    LogLine,
+    PauseRun,
+    ResumeRun,
+    Run,
+    RunFrom,
+    RunHistory,
+    RunState,
+    SetAutonomy,
+    SetBreakpoints,
+    SetRunParameters,
+    StateVisit,
+    StepRun,
+    StopRun,
+    TakeTransition,
+)
+from handrail.messages.sensing import (
+    DeviceStates,
+    DeviceValues,
+    ForceTorqueState,
+    GripperState,
+    ImuState,
+    PointCloud,
+    PowerState,
+)
+from handrail.messages.state import (
+    Base,
+    BusStatistics,
+    DaemonStatus,
+    DeviceStatus,
+    DriveStatus,
+    Foot,
+    LeaseState,
+    LoopStatistics,
+    RobotState,
+)
+
+__all__ = [
+    "NOT_READY",
+    "ActionEvent",
+    "Along",
+    "Answer",
+    "AnswerPrompt",
+    "Base",
+    "BindKeepalive",
+    "BusStatistics",
+    "CancelAction",
+    "CancelPlanning",
+    "CartesianImpedance",
+    "Challenge",
+    "CheckIn",
+    "CheckTask",
+    "Choice",
+    "Choices",
+    "ClearStop",
+    "CommandGripper",
+    "Compliance",
+    "CompliantMotion",
+    "ConfigureController",
+    "ContactEnd",
+    "ControllerEvent",
+    "ControllerInfo",
+    "ControllerList",
+    "DaemonCall",
+    "DaemonEvent",
+    "DaemonStatus",
+    "Deploy",
+    "Deployment",
+    "DeviceStates",
+    "DeviceStatus",
+    "DeviceValues",
+    "Disable",
+    "Dither",
+    "DivergenceEnd",
+    "DriveStatus",
+    "EditPlan",
+    "Enable",
+    "EndCondition",
+    "EngineCall",
+    "EngineEvent",
+    "EngineSnapshot",
+    "ExecutePlan",
+    "FixedPose",
+    "Foot",
+    "ForceEnd",
+    "ForceTorqueState",
+    "FrameGoal",
+    "FrameLine",
+    "GazeGoal",
+    "GetBase",
+    "GetChallenge",
+    "GetControllers",
+    "GetEngine",
+    "GetHardware",
+    "GetInstances",
+    "GetPlan",
+    "GetRobot",
+    "GetRunHistory",
+    "GetSafety",
+    "GetStatus",
+    "GetTiming",
+    "Goal",
+    "GripperAtEnd",
+    "GripperHoldsEnd",
+    "GripperOrder",
+    "GripperState",
+    "GroundTruth",
+    "HardwareComponent",
+    "HardwareStatus",
+    "HoldTime",
+    "ImuState",
+    "InstanceState",
+    "Instances",
+    "JointLimitEnd",
+    "JointStream",
+    "JointTarget",
+    "JointTrajectory",
+    "JointsGoal",
+    "JointsMotion",
+    "KeepAlive",
+    "KeyFrame",
+    "Lease",
+    "LeaseState",
+    "Library",
+    "LibraryEntry",
+    "ListLibrary",
+    "LoadController",
+    "LogLine",
+    "LoopStatistics",
+    "LoopTiming",
+    "MakePlan",
+    "Message",
+    "Motion",
+    "MoveInstance",
+    "Name",
+    "NonNegative",
+    "Ok",
+    "PathForce",
+    "PauseAction",
+    "PauseRun",
+    "PlaceInstance",
+    "PlanMotion",
+    "PlanOrigin",
+    "PlanPreview",
+    "PlanProgress",
+    "PlanSegment",
+    "PlanSeries",
+    "PlanWaypoint",
+    "PlanWorst",
+    "PointCloud",
+    "Pose",
+    "PoseErrorEnd",
+    "PoseStream",
+    "Positive",
+    "PostureGoal",
+    "PostureKnots",
+    "PowerState",
+    "Prompt",
+    "PromptClosed",
+    "RankChoices",
+    "Reference",
+    "Refused",
+    "RelationGoal",
+    "ReleaseKeepalive",
+    "ReleaseTime",
+    "RemoveInstance",
+    "ResumeAction",
+    "ResumeRun",
+    "ReturnLease",
+    "RobotInfo",
+    "RobotState",
+    "Run",
+    "RunFrom",
+    "RunHistory",
+    "RunState",
+    "SafetyReport",
+    "SafetyRule",
+    "SensorEvent",
+    "SetAutonomy",
+    "SetBreakpoints",
+    "SetParameters",
+    "SetRunParameters",
+    "SetSpeed",
+    "Spec",
+    "StaleCause",
+    "StallEnd",
+    "StartAction",
+    "StartBehaviour",
+    "StateVisit",
+    "Step",
+    "StepRun",
+    "Stop",
+    "StopRun",
+    "StreamJoints",
+    "StreamPose",
+    "SwitchControllers",
+    "SwitchRelay",
+    "TakeLease",
+    "TakeTransition",
+    "TareSensor",
+    "Tared",
+    "TaskAxis",
+    "TaskCheck",
+    "TaskStep",
+    "TimeDistribution",
+    "TimeEnd",
+    "TorqueLimitEnd",
+    "TravelEnd",
+    "UnloadController",
+    "Vector",
+    "WholeBody",
+    "spec",
+]
+
+GetRobot.Reply = RobotInfo
+GetStatus.Reply = DaemonStatus
+GetTiming.Reply = LoopTiming
+GetBase.Reply = Base
+GetHardware.Reply = HardwareStatus
+GetSafety.Reply = SafetyReport
+TareSensor.Reply = Tared
+TakeLease.Reply = Lease
+BindKeepalive.Reply = GetChallenge.Reply = KeepAlive.Reply = Challenge
+GetControllers.Reply = ControllerList
+PlaceInstance.Reply = InstanceState
+MoveInstance.Reply = InstanceState
+SetParameters.Reply = InstanceState
+GetInstances.Reply = Instances
+GetPlan.Reply = PlanPreview
+MakePlan.Reply = PlanPreview
+RankChoices.Reply = Choices
+PlanMotion.Reply = PlanPreview
+EditPlan.Reply = PlanPreview
+ListLibrary.Reply = Library
+Deploy.Reply = Deployment
+CheckTask.Reply = TaskCheck
+Run.Reply = RunState
+RunFrom.Reply = RunState
+TakeTransition.Reply = RunState
+GetRunHistory.Reply = RunHistory
+GetEngine.Reply = EngineSnapshot
+
+DaemonCall = (
+    GetRobot
+    | GetStatus
+    | GetTiming
+    | GetBase
+    | GetHardware
+    | GetSafety
+    | GetControllers
+    | LoadController
+    | ConfigureController
+    | SwitchControllers
+    | UnloadController
+    | Enable
+    | Disable
+    | Stop
+    | ClearStop
+    | CheckIn
+    | TakeLease
+    | BindKeepalive
+    | GetChallenge
+    | KeepAlive
+    | ReleaseKeepalive
+    | ReturnLease
+    | HoldTime
+    | ReleaseTime
+    | StartAction
+    | StartBehaviour
+    | CancelAction
+    | PauseAction
+    | ResumeAction
+    | SetSpeed
+    | StreamPose
+    | StreamJoints
+    | CommandGripper
+    | SwitchRelay
+    | TareSensor
+)
+DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates | ControllerEvent
+SensorEvent = PointCloud
+"""what a camera's process publishes (topic `sensors.events`)"""
+EngineCall = (
+    PlaceInstance
+    | MoveInstance
+    | SetParameters
+    | RemoveInstance
+    | GetInstances
+    | GetPlan
+    | MakePlan
+    | CancelPlanning
+    | RankChoices
+    | PlanMotion
+    | EditPlan
+    | ExecutePlan
+    | ListLibrary
+    | Deploy
+    | CheckTask
+    | Run
+    | PauseRun
+    | ResumeRun
+    | StopRun
+    | StepRun
+    | SetBreakpoints
+    | TakeTransition
+    | RunFrom
+    | SetRunParameters
+    | SetAutonomy
+    | GetRunHistory
+    | AnswerPrompt
+    | GetEngine
+)
+EngineEvent = InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine
+Answer = (
+    Ok
+    | Refused
+    | RobotInfo
+    | DaemonStatus
+    | LoopTiming
+    | Base
+    | HardwareStatus
+    | SafetyReport
+    | Lease
+    | Challenge
+    | Tared
+    | ControllerList
+    | InstanceState
+    | Instances
+    | PlanPreview
+    | Choices
+    | Library
+    | Deployment
+    | TaskCheck
+    | RunState
+    | RunHistory
+    | EngineSnapshot
+)

@@ -1,0 +1,88 @@
+"""What a motion is to reach or keep."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from handrail.messages.base import Name, NonNegative, Pose, Positive
+
+
+class JointsGoal(msgspec.Struct, tag="joints", kw_only=True, forbid_unknown_fields=True):
+    """Joints are at positions."""
+
+    positions: dict[Name, float]
+    """joint → rad"""
+    tolerance: NonNegative = 0.0
+
+
+class PostureGoal(msgspec.Struct, tag="posture", kw_only=True, forbid_unknown_fields=True):
+    """All joints that may move are where one of the robot's postures has them."""
+
+    name: Name
+
+
+class RelationGoal(msgspec.Struct, tag="relation", kw_only=True, forbid_unknown_fields=True):
+    """lower ≤ Σ coefficient · position ≤ upper: left as right is {left: 1, right: -1}, 0 to 0."""
+
+    coefficients: dict[Name, float]
+    lower: float = 0.0
+    upper: float = 0.0
+
+
+class FrameGoal(msgspec.Struct, tag="frame", kw_only=True, forbid_unknown_fields=True):
+    """A frame of the robot is at a pose, within tolerances."""
+
+    frame: str = ""
+    """empty: the arm's tool tip"""
+    pose: Pose
+    in_frame: str = ""
+    instance: str = ""
+    feature: str = ""
+    below: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    """m along the pose's x, y, z, that the frame may be below it; inf: as far as it likes"""
+    above: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    angle: NonNegative = 0.0
+    """that it may be turned by; π: any orientation"""
+    about: Literal["", "x", "y", "z"] = ""
+    """turning about this axis of the frame is free; `angle` is the cone that the axis stays in"""
+
+
+class GazeGoal(msgspec.Struct, tag="gaze", kw_only=True, forbid_unknown_fields=True):
+    """A point is within the cone about an axis of a frame: a camera sees it."""
+
+    frame: Name
+    target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    in_frame: str = ""
+    instance: str = ""
+    feature: str = ""
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """in `frame`"""
+    cone: Positive
+    """half-angle"""
+
+
+Goal = JointsGoal | PostureGoal | RelationGoal | FrameGoal | GazeGoal
+
+
+class KeyFrame(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """What must hold at one time on the way."""
+
+    goals: Annotated[list[Goal], Meta(min_length=1, max_length=32)]
+
+
+class Along(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """A frame goes with a joint of an instance from where it is, as though it held it: a valve is turned, a door opened."""
+
+    instance: Name
+    joint: Name
+    by: float
+    """rad about the joint's axis, m along it"""
+    frame: str = ""
+    """empty: the arm's tool tip"""
+    about: Literal["", "x", "y", "z"] = ""
+    """turning about this axis of the frame is free"""
+    touch: bool = True
+    """the arm's tool may touch the instance"""

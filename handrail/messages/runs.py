@@ -1,0 +1,152 @@
+"""A program's run: started, paused, stepped, told."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from handrail.messages.base import Message, Name, travels
+from handrail.messages.instances import InstanceState
+from handrail.messages.plans import PlanPreview
+from handrail.messages.prompts import Prompt
+
+
+@travels(priority=1, remote=True)
+class Run(Message):
+    """Start a deployed program."""
+
+    deployment: Name
+
+
+@travels(priority=1, remote=True)
+class PauseRun(Message):
+    """Pause the running program: the motion really stops."""
+
+
+@travels(priority=1, remote=True)
+class ResumeRun(Message):
+    """Go on."""
+
+
+@travels(priority=1, remote=True)
+class StopRun(Message):
+    """End the running program: cancel its motion, leave the robot holding."""
+
+
+@travels(priority=1, remote=True)
+class StepRun(Message):
+    """Let a paused program go on until the next activity is about to begin."""
+
+
+@travels(priority=1, remote=True)
+class SetBreakpoints(Message):
+    """Pause the program before these states do what they do. Replaces those that there were; counts for the next runs too."""
+
+    states: list[Name]
+
+
+@travels(priority=1, remote=True)
+class TakeTransition(Message):
+    """Leave an active state by a way out of the operator's choice, whatever its guard says; what it does is cancelled."""
+
+    state: Name
+    way: Annotated[int, Meta(ge=0)] | None = None
+    """index of the state's transition in the program's file; None: skip, by the first way that it has for being done"""
+
+
+@travels(priority=1, remote=True)
+class RunFrom(Message):
+    """Run the last program anew from a state, with its variables as they stand. A run under way is stopped before."""
+
+    state: Name
+    paused: bool = False
+    """True: wait before the state's activity until the run is resumed or stepped"""
+
+
+@travels(priority=1, remote=True)
+class SetRunParameters(Message):
+    """Change parameters of the running program: each counts from when it is used next."""
+
+    parameters: dict[str, Any]
+
+
+@travels(priority=1, remote=True)
+class SetAutonomy(Message):
+    """How much programs do without asking, from now on: transitions that name this level or one above it are asked about."""
+
+    level: Literal["low", "high", "full"]
+
+
+@travels(priority=1, remote=True)
+class GetRunHistory(Message):
+    """What the last run went through."""
+
+
+class StateVisit(msgspec.Struct, kw_only=True):
+    """One stay in a state."""
+
+    state: str
+    entered_ns: int
+    """by the robot's clock"""
+    left_ns: int = 0
+    """0: it is active"""
+    event: str = ""
+    """what ended it; empty: a guard alone"""
+
+
+class RunHistory(Message):
+    """Answer to GetRunHistory."""
+
+    run: str
+    visits: list[StateVisit]
+    """in the order in which the states were entered, the last 2000"""
+
+
+@travels(priority=2, remote=True)
+class RunState(Message):
+    """A program's run, at every change."""
+
+    run: str
+    deployment: str
+    program: str
+    hash: str
+    status: Literal["ready", "running", "paused", "succeeded", "failed", "stopped"]
+    active: list[str]
+    """ids of the active states, outermost first"""
+    data: dict[str, Any] = {}
+    """the program's variables as they stand, then its parameters; no name is both"""
+    waiting: list[str] = []
+    """active states that have not begun what they do, because the run is paused"""
+    breakpoints: list[str] = []
+    """states before whose activity the run pauses"""
+    autonomy: str = "full"
+    """transitions that name this level or one above it are asked about"""
+    detail: str = ""
+    """why it failed, stopped, or paused by itself"""
+    time_ns: int = 0
+
+
+@travels(priority=1, remote=True)
+class GetEngine(Message):
+    """Everything a late client needs: instances, fresh and stale plans, the run, open prompts."""
+
+
+class EngineSnapshot(Message):
+    """Answer to GetEngine."""
+
+    instances: list[InstanceState]
+    plans: list[PlanPreview]
+    run: RunState | None
+    prompts: list[Prompt]
+
+
+@travels(priority=6, remote=True)
+class LogLine(Message):
+    """One line for people."""
+
+    source: str
+    level: Literal["info", "warning", "error"]
+    text: str
+    time_ns: int = 0

@@ -6,6 +6,7 @@ python -m engines.engine --robot talos_upper --runtime DIR
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import logging
 import queue
@@ -61,6 +62,11 @@ class Engine:
         self._autonomy = "full"
         self._journal = RunJournal(runtime.folder)
         self._changing_runs = threading.Lock()
+        """held from the moment that a run is asked to go on from another state until the new one has begun"""
+        self._called_off = threading.Event()
+        """somebody has stopped what is being changed"""
+        self._settings = threading.Lock()
+        """for breakpoints and autonomy, which a run that is just being made must not miss"""
         self._seeds: dict[str, Mapping[str, Sequence[np.ndarray]]] = {}
         """deployment → state → where its plans ended in the last rehearsal"""
         self._job: Job | None = None
@@ -103,7 +109,7 @@ class Engine:
             m.Run: self._start,
             m.PauseRun: lambda call: self._running().pause(),
             m.ResumeRun: lambda call: self._running().resume(),
-            m.StopRun: lambda call: self._running().stop(),
+            m.StopRun: lambda call: self._stop_run(),
             m.StepRun: lambda call: self._program_run().step(),
             m.SetBreakpoints: self._set_breakpoints,
             m.TakeTransition: lambda call: self._program_run().take(call.state, call.way),
@@ -143,6 +149,7 @@ class Engine:
     def close(self) -> None:
         """Cancel what moves and what is planned, publish what is left, and free everything."""
         self._desk.cancel()
+        self._called_off.set()
         if self._job is not None and self._job.active:
             try:
                 self._job.stop()
@@ -281,17 +288,18 @@ class Engine:
     def _begin(self, deployed: Deployed, start: Start | None = None) -> m.RunState:
         deployment.still_bound(deployed, self._services.description, self._services.affordances)
         doing = {state.id for state in deployed.program.states() if state.file.do}
-        run = ProgramRun(
-            deployed,
-            self._services,
-            functools.partial(self._run_changed, deployed),
-            breakpoints=self._breakpoints & doing,
-            autonomy=self._autonomy,
-            start=start,
-            seeds=self._seeds.get(deployed.id),
-        )
-        self._job = self._run = run
-        return run.start()
+        with self._settings:
+            run = ProgramRun(
+                deployed,
+                self._services,
+                functools.partial(self._run_changed, deployed),
+                breakpoints=self._breakpoints & doing,
+                autonomy=self._autonomy,
+                start=start,
+                seeds=self._seeds.get(deployed.id),
+            )
+            self._job = self._run = run
+            return run.start()
 
     def _run_changed(self, deployed: Deployed, state: m.RunState) -> None:
         self._journal.write(deployed, state)
@@ -301,35 +309,56 @@ class Engine:
         run = self._run
         if run is None:
             raise refuse("no program has run yet: start one first", "state", call.state, "a state of the last program")
-        if self._job is not run:
+        if self._job is not run or self._changing_runs.locked():
             self._idle()
         known = [state.id for state in run.deployed.program.states() if not state.file.final]
         if call.state not in known:
             raise refuse("no such state", "state", call.state, f"one of: {', '.join(known)}")
+        # What can't begin must not end what runs.
+        deployment.still_bound(run.deployed, self._services.description, self._services.affordances)
         start = run.again_from(call.state, paused=call.paused)
+        # Taken here and not in the thread: from now on nothing else may begin.
+        self._changing_runs.acquire()
+        self._called_off.clear()
 
         def begin() -> m.RunState:
-            with self._changing_runs:
-                if self._run is not run:
-                    raise refuse("another run was started meanwhile")
+            try:
                 if run.active:
-                    run.stop()
+                    with contextlib.suppress(RefusedError):  # it has just ended
+                        run.stop()
                     run.join(_STOP_S)
                 if run.active:
                     raise refuse(f"the run under way has not ended within {_STOP_S:g} s")
-                return self._begin(run.deployed, start)
+                if self._called_off.is_set():
+                    raise refuse("it was stopped before it began")
+                state = self._begin(run.deployed, start)
+            finally:
+                self._changing_runs.release()
+            if self._called_off.is_set() and self._run is not None:
+                with contextlib.suppress(RefusedError):
+                    self._run.stop()
+            return state
 
         return _in_thread(begin, "run from")
 
+    def _stop_run(self) -> None:
+        if self._changing_runs.locked():
+            self._called_off.set()
+            if self._changing_runs.locked():
+                return  # what runs is being stopped already, and nothing begins after it
+        self._running().stop()
+
     def _set_breakpoints(self, call: m.SetBreakpoints) -> None:
-        if self._run is not None:
-            self._run.set_breakpoints(call.states)
-        self._breakpoints = frozenset(call.states)
+        with self._settings:
+            if self._run is not None:
+                self._run.set_breakpoints(call.states)
+            self._breakpoints = frozenset(call.states)
 
     def _set_autonomy(self, call: m.SetAutonomy) -> None:
-        self._autonomy = call.level
-        if self._run is not None and self._run.active:
-            self._run.set_autonomy(call.level)
+        with self._settings:
+            self._autonomy = call.level
+            if self._run is not None and self._run.active:
+                self._run.set_autonomy(call.level)
 
     def _history(self, call: m.GetRunHistory) -> m.RunHistory:
         if self._run is None:
@@ -347,7 +376,11 @@ class Engine:
             deployed = deployment.deploy(request, program, self._services.description, self._services.affordances)
             deployed = replace(deployed, id=entry.state.deployment)
             self._deployments[deployed.id] = deployed
-            data = entry.state.data
+            data, known = entry.state.data, {state.id for state in program.states()}
+            if odd := [id for id in entry.state.active if id not in known]:
+                raise ValueError(f"active: got {odd[0]!r}; expected one of {', '.join(sorted(known))}")
+            doing = {state.id for state in program.states() if state.file.do}
+            self._autonomy, self._breakpoints = entry.state.autonomy, frozenset(entry.state.breakpoints) & doing
             inner = [state for state in program.states() if state.id in entry.state.active]
             inner = [state for state in inner if not any(child in inner for child in state.children)]
             start = Start(
@@ -360,6 +393,12 @@ class Engine:
             self._begin(deployed, start)
         except (ValueError, RefusedError) as problem:
             self._log("warning", f"the run that was under way is lost: {problem}")
+        except Exception as crash:
+            # Started anew, it would find the same journal: an engine without that run is better than none.
+            logging.exception("the run that was under way could not be taken up")
+            self._log(
+                "error", f"the run that was under way is lost: the engine's own error: {type(crash).__name__}: {crash}"
+            )
 
     def _program_run(self) -> ProgramRun:
         if self._run is None or self._job is not self._run or not self._run.active:

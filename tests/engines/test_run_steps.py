@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
 from engines import library
+from engines.run import ProgramRun
 from handrail import messages as m
+from handrail.topics import Caller, RefusedError
 
 
 def states(stack, *, status=None, waiting=None):
@@ -146,6 +150,7 @@ def test_an_engine_that_was_killed_has_its_run_paused_where_it_was(halted, start
     assert (run.run, run.active, run.deployment) == (before.run, ["confirming"], before.deployment)
     assert run.data == before.data
     assert "started anew" in run.detail
+    again.call(m.SetBreakpoints(states=[]))
     again.call(m.RunFrom(state="planning"))  # plans are gone with the engine that made them
     assert "10°" in again.prompt().text
 
@@ -231,3 +236,87 @@ def test_a_question_about_a_state_that_was_left_is_withdrawn(cautious):
     cautious.call(m.TakeTransition(state="planning", way=1))
     assert cautious.wait(lambda e: isinstance(e, m.PromptClosed) and e.id == asked.id).answer == ""
     assert cautious.ended().status == "failed"
+
+
+@pytest.fixture
+def changing(halted, monkeypatch):
+    """A run that is asked to go on from another state, while its end is waited for; call it to have that happen."""
+    waits, let, answers = threading.Event(), threading.Event(), []
+    join = ProgramRun.join
+
+    def late(run, timeout_s):
+        waits.set()
+        assert let.wait(30)
+        join(run, timeout_s)
+
+    def ask():
+        caller = Caller(halted.runtime.endpoint("engine.call"))
+        try:
+            answers.append(caller.call(m.RunFrom(state="stroking"), 60))
+        except RefusedError as refused:
+            answers.append(refused.refusal)
+        finally:
+            caller.close()
+
+    monkeypatch.setattr(ProgramRun, "join", late)
+    asking = threading.Thread(target=ask, daemon=True)
+    asking.start()
+    assert waits.wait(30)
+
+    def done():
+        let.set()
+        asking.join(60)
+        return answers[0]
+
+    yield done
+    done()
+
+
+def test_who_stops_while_a_run_is_to_go_on_from_another_state_has_none_begin(halted, changing, daemon):
+    halted.call(m.StopRun())
+    assert "stopped before it began" in changing().message
+    assert halted.ended().status == "stopped"
+    assert halted.call(m.GetEngine()).run.status == "stopped"
+    assert not daemon.started()
+
+
+def test_nothing_else_begins_while_a_run_is_to_go_on_from_another_state(halted, changing):
+    halted.ended()
+    plan = halted.call(m.GetEngine()).run.data["plan"]
+    for call in (m.ExecutePlan(id=plan), m.RunFrom(state="planning")):
+        assert "just being started" in halted.refusal(call).message
+    assert changing().status == "running"
+
+
+def test_a_run_that_can_not_go_on_from_another_state_goes_on_where_it_is(halted):
+    halted.call(m.RemoveInstance(name="wheel_1"))
+    assert "wheel_1" in str(halted.refusal(m.RunFrom(state="planning")))
+    assert halted.call(m.GetEngine()).run.status == "paused"
+
+
+def test_a_recovered_run_asks_and_halts_as_the_killed_one_did(halted, start, wait_until, monkeypatch):
+    halted.call(m.SetAutonomy(level="low"))
+    killed(halted, monkeypatch)
+    again = start()
+    wait_until(lambda: again.call(m.GetEngine()).run.waiting == ["confirming"])
+    run = again.call(m.GetEngine()).run
+    assert (run.autonomy, run.breakpoints) == ("low", ["confirming"])
+
+
+def test_a_journal_that_does_not_fit_is_told_and_the_engine_serves(halted, start, caplog, monkeypatch):
+    file = halted.runtime.folder / "run.json"
+    kept = file.read_bytes()
+    halted.close()
+    file.write_bytes(kept.replace(b'"active":["confirming"]', b'"active":["gone"]'))
+    again = start()
+    assert again.call(m.GetEngine()).run is None
+    assert "is lost: active: got 'gone'; expected one of" in caplog.text
+    again.close()
+    file.write_bytes(kept)
+
+    def crash(*_, **__):
+        raise KeyError("what nobody thought of")
+
+    monkeypatch.setattr("engines.engine.ProgramRun", crash)
+    assert start().call(m.GetEngine()).run is None
+    assert "KeyError" in caplog.text

@@ -54,7 +54,13 @@ class NodeActivity(Activity):
                 self._process.close()
 
     def _asked(self, name: str, wanted: list[str]) -> dict[str, Any]:
-        process = NodeProcess(library.find(name), self.values["params"], told=self._found.put, ended=self._found.put)
+        process = NodeProcess(
+            library.find(name),
+            self.values["params"],
+            told=self._found.put,
+            ended=self._found.put,
+            closing=self.cancelled,
+        )
         with self._lock:
             self._process = process
             if self.cancelled.is_set():

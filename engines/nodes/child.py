@@ -21,16 +21,18 @@ BEAT_S = 0.2
 
 
 class Child:
-    """One node and the wire to its host."""
+    """One node and the wire to its host. It gives signs of life from the start, before the node is loaded."""
 
-    def __init__(self, node: Node, wire: Wire):
-        self._node, self._wire = node, wire
+    def __init__(self, wire: Wire):
+        self._wire = wire
+        self._node: Node
         self._began = 0.0
         self._started = False
-
-    def run(self) -> None:
-        """Until the host ends it or is gone. Raises what the node's code raises."""
         threading.Thread(target=self._beats, name="beats", daemon=True).start()
+
+    def run(self, node: Node) -> None:
+        """Until the host ends it or is gone. Raises what the node's code raises."""
+        self._node = node
         due = time.monotonic()
         while True:
             every = type(self._node).every if self._started else None
@@ -86,7 +88,7 @@ class Child:
             try:
                 self._wire.send(Beat(busy_s=time.monotonic() - began if began else 0.0))
             except OSError:
-                os._exit(1)  # the host is gone; the main thread may be in an endless step
+                os._exit(1)  # the host is gone; the main thread may be in an endless import or step
             time.sleep(BEAT_S)
 
 
@@ -106,6 +108,7 @@ def main(file: Path, connection: socket.socket) -> int:
     """Returns the exit status: 1 after the node's code raised."""
     sys.stdout = sys.stderr  # what a node prints is its log
     wire = Wire(connection, ToNode)
+    child = Child(wire)
     try:
         kind = load(file)
         resource.setrlimit(resource.RLIMIT_DATA, (kind.memory_mb * 1_000_000,) * 2)
@@ -113,7 +116,7 @@ def main(file: Path, connection: socket.socket) -> int:
         doc = (kind.__doc__ or "").strip()
         ports = _told(kind.inputs), _told(kind.outputs), _told(kind.params)
         wire.send(Hello(file.stem, doc, kind.every, kind.step_limit_s, *ports, memory_mb=_resident_mb()))
-        Child(node, wire).run()
+        child.run(node)
     except Exception as problem:  # noqa: BLE001 (whatever it is, the host tells it)
         why = f"{type(problem).__name__}: {problem}".rstrip(": ")
         with contextlib.suppress(OSError):

@@ -36,12 +36,14 @@ class NodeProcess:
     def __init__(
         self, file: Path, params: Mapping[str, Any] | None = None, *, told: Callable[[dict[str, Any]], None] = lambda outputs: None,
         ended: Callable[[NodeFailed], None] = lambda failure: None, restarts: int = 0, silent_s: float = 5.0,
+        closing: threading.Event | None = None,
     ):  # fmt: skip
         """Starts it and waits until it is loaded. Raises NodeFailed.
 
         :param told: what it wrote in each step
         :param ended: why it ended by itself; after `restarts` of them it stays ended
         :param silent_s: of wall time without a sign of life, after which it is killed
+        :param closing: set it and call `close` to end it; set while it is still being loaded, it is killed
         """
         self.file, self._told, self._ended, self._silent_s = file, told, ended, silent_s
         self._restarts = restarts
@@ -50,7 +52,7 @@ class NodeProcess:
         self._answers: dict[int, queue.SimpleQueue[Stepped | NodeFailed]] = {}
         self._lock = threading.Lock()
         self._number = 0
-        self._closing = threading.Event()
+        self._closing = closing or threading.Event()
         self._failure: NodeFailed | None = None
         self._start()
 
@@ -83,16 +85,17 @@ class NodeProcess:
             self._wire = wire
         threading.Thread(target=self._listen, args=(wire,), name=f"node {self.file.stem}", daemon=True).start()
 
-    @staticmethod
-    def _next(wire: Wire) -> Any | None:
-        """The next message that is no sign of life; None when it is gone or none came in time."""
+    def _next(self, wire: Wire) -> Any | None:
+        """The next message that is no sign of life; None when it is gone, none came in time, or nobody wants it any more."""
         end = time.monotonic() + _LOAD_S
         try:
-            while isinstance(message := wire.receive(max(0.0, end - time.monotonic())), Beat):
-                continue
+            while not self._closing.is_set() and (left := end - time.monotonic()) > 0.0:
+                message = wire.receive(min(_LOOK_S, left))
+                if message is not None and not isinstance(message, Beat):
+                    return message
         except EOFError:
-            return None
-        return message
+            pass
+        return None
 
     # ---------------------------------------------------------------------------------------------------------------- doing
 
@@ -226,6 +229,8 @@ class NodeProcess:
 
     def _buried(self, wire: Wire, last: Any, otherwise: str) -> NodeFailed:
         """Why its process has ended, or is ended now."""
+        if otherwise and self._closing.is_set():
+            otherwise = "was not wanted any more"
         if otherwise and self.process.poll() is None and not isinstance(last, Failed):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self.process.wait(0.5)

@@ -5,7 +5,11 @@ from __future__ import annotations
 import os
 import queue
 import signal
+import socket
+import subprocess
+import sys
 import textwrap
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +22,7 @@ from engines.nodes import Case, Input, Node, Output, Param, cli, library
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.node import load
 from engines.nodes.ports import PortError
+from engines.nodes.wire import Beat, FromNode, Wire
 from handrail.messages import Pose
 
 NODE = """\
@@ -229,3 +234,32 @@ def test_the_command_tries_cases_and_runs_nodes_of_a_workspace(tmp_path, monkeyp
     failed = handrail("run", "doubler", "--input", "what=raise")
     assert failed.exit_code == 1 and "no such thing" in failed.output
     assert "expected one of doubler, low_pass" in handrail("show", "nothing").output
+
+
+@pytest.fixture
+def endless(tmp_path: Path) -> Path:
+    """A node whose file never ends when it is imported."""
+    file = tmp_path / "endless.py"
+    file.write_text("while True:\n    pass\n")
+    return file
+
+
+def test_a_node_that_never_ends_its_import_does_not_outlive_its_host(endless):
+    ours, theirs = socket.socketpair()
+    command = [sys.executable, "-m", "engines.nodes.child", str(endless), str(theirs.fileno())]
+    process = subprocess.Popen(command, pass_fds=[theirs.fileno()])
+    try:
+        theirs.close()
+        assert isinstance(Wire(ours, FromNode).receive(60), Beat)
+        ours.close()
+        assert process.wait(60) == 1
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_node_that_nobody_wants_any_more_while_it_is_loaded_is_killed_at_once(endless):
+    closing = threading.Event()
+    closing.set()
+    with pytest.raises(NodeFailed, match="was not wanted any more, and was killed"):
+        NodeProcess(endless, closing=closing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -19,7 +20,13 @@ class BroadPhase:
         self._data, self._scratch = self._model.createData(), world.geometry.createData()
         for request, floor in zip(self._scratch.collisionRequests, floors.tolist(), strict=True):
             request.security_margin = floor
+        self._unasked = coal.StdVec_CollisionRequest()
+        self._unasked.extend(self._scratch.collisionRequests)
         self._manager = pin.BroadPhaseManager_SSaPCollisionManager(self._model, world.geometry, self._scratch)
+
+    def forget(self) -> None:
+        """As if it had not looked at anything yet."""
+        self._scratch.collisionRequests = self._unasked
 
     def only(self, chosen: NDArray[np.bool_]) -> None:
         """Look at the chosen pairs (pairs,) only, from now on."""

@@ -84,11 +84,13 @@ class Connector:
 
     def __init__(
         self, world: World, *, margins: Margins | None = None, touching: tuple[tuple[str, str], ...] = (),
-        limit_margin: float = 0.0, cancelled: Callable[[], bool] = _never,
+        limit_margin: float = 0.0, cancelled: Callable[[], bool] = _never, sweep: Sweep | None = None,
     ):  # fmt: skip
-        """`limit_margin`: rad (m) that ways keep from joint limits, but for their ends; others as `connect`."""
+        """`limit_margin`: rad (m) that ways keep from joint limits, but for their ends; `sweep`: of the world, if there is one
+        already; others as `connect`.
+        """
         mechanism = world.mechanism
-        self.world, self.sweep = world, Sweep(world)
+        self.world, self.sweep = world, sweep or Sweep(world)
         self.floors = (margins or Margins()).floors(world, touching)
         """(pairs,) m that are kept"""
         self._roomy = self.floors + _SPARE

@@ -114,31 +114,39 @@ def _lengths(path: Array) -> Array:
 
 
 class Gauge:
-    """Measures motions of some joints in one world, the others standing still. Not for several threads at once."""
+    """Measures motions of a world's moving joints (m), the others standing still. Not for several threads at once."""
 
-    def __init__(self, world: World, moving: Sequence[str], whole: Callable[[Array], Array]):
-        """`whole`: (k, m) of the moving joints → (k, nq)."""
-        self._world, self._moving, self._whole = world, tuple(moving), whole
+    def __init__(self, world: World):
+        self._world, self._moving = world, world.moving
         mechanism = world.mechanism
         self._rows = [mechanism.row(joint) for joint in self._moving]
         self._model, self._data = mechanism.model, mechanism.model.createData()
         self._scratch = world.geometry.createData()
         self._placed = placements(self._scratch.oMg) if len(self._scratch.oMg) else np.empty((0, 12))
 
+    def forget(self) -> None:
+        """As if it had not measured anything yet."""
+        self._world.forget(self._scratch)
+
     def motion(
-        self, times: Array, positions: Array, velocities: Array, torque: Array, going: Callable[[], None]
+        self, at: Array, times: Array, positions: Array, velocities: Array, torque: Array, going: Callable[[], None]
     ) -> tuple[Measure, Measure, Measure]:
         """Clearance, margin to the joint limits and share of `torque` (m,) N·m along knots (k,) s, (k, m) rad, (k, m) rad/s.
 
-        `going` is called between clearances and may raise.
+        The others stand where they are at `at` (nq,). `going` is called between clearances and may raise.
         """
-        at = _spaced(times, positions)
-        way = hermite(times, positions, velocities, at)
+        looks = _spaced(times, positions)
+        way = hermite(times, positions, velocities, looks)
         return (
-            self._clearances(at, self._whole(way), going),
-            self._limit_margins(at, way),
-            self._torque_shares(times, positions, velocities, torque),
+            self._clearances(looks, self._whole(at, way), going),
+            self._limit_margins(looks, way),
+            self._torque_shares(times, self._whole(at, positions), velocities, torque),
         )
+
+    def _whole(self, at: Array, way: Array) -> Array:
+        q = np.repeat(at[None], len(way), axis=0)
+        q[:, self._world.mechanism.coordinate[self._rows]] = way
+        return q
 
     def _limit_margins(self, times: Array, way: Array) -> Measure:
         mechanism = self._world.mechanism
@@ -146,14 +154,14 @@ class Gauge:
         about = tuple(self._moving[joint] for joint in room.argmin(axis=1))
         return Measure(LIMIT_MARGIN, times, room.min(axis=1), about)
 
-    def _torque_shares(self, times: Array, positions: Array, velocities: Array, limit: Array) -> Measure:
+    def _torque_shares(self, times: Array, q: Array, velocities: Array, limit: Array) -> Measure:
         """Of the joint that works hardest, at every knot, by inverse dynamics."""
         rates = np.gradient(velocities, times, axis=0)
         velocity, acceleration = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        shares = np.empty(positions.shape)
-        for number, q in enumerate(self._whole(positions)):
+        shares = np.empty(velocities.shape)
+        for number, one in enumerate(q):
             velocity[self._rows], acceleration[self._rows] = velocities[number], rates[number]
-            needed = pin.rnea(self._model, self._data, q, velocity, acceleration)[self._rows]
+            needed = pin.rnea(self._model, self._data, one, velocity, acceleration)[self._rows]
             shares[number] = np.abs(needed) / limit
         about = tuple(self._moving[joint] for joint in shares.argmax(axis=1))
         return Measure(TORQUE_SHARE, times, shares.max(axis=1), about)

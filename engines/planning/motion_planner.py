@@ -38,7 +38,7 @@ from engines.planning.obstacles import Obstacle, obstacles_of
 from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
 from engines.planning.seen import Eyes, Seen
-from engines.planning.sweep import cubics
+from engines.planning.sweep import Sweep, cubics
 from engines.planning.timing import Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN, Verifier
 from engines.planning.world import World
@@ -63,6 +63,8 @@ _KNOTS = 4
 """of a spline, between two key frames"""
 _SAMPLES = 40
 """of a spline's way, between two key frames"""
+_SCENES = 4
+"""that are kept with what measures in them: two arms' and both's, and another clearance"""
 _BETWEEN_S = 1.0
 """s between key frames, for the weights of speed in the optimisation; timing is made anew afterwards"""
 
@@ -112,6 +114,7 @@ class MotionPlanner:
         self._rows: Integers = np.array([rows[joint] for joint in description.joints], np.int64)
         self._solver = Solver(self.mechanism)
         self._trajectories = TrajectorySolver(self._solver)
+        self._scenes: dict[tuple[object, ...], _Scene] = {}
         self._lock = threading.Lock()
 
     # ----------------------------------------------------------------------------------------------------------- questions
@@ -223,9 +226,39 @@ class MotionPlanner:
         jerk = None if all_joints.jerk is None else all_joints.jerk[rows]
         return Limits(all_joints.velocity[rows], all_joints.acceleration[rows], jerk, torque)
 
+    def scene(self, motion: Motion) -> _Scene:
+        """The one in which a motion is planned: the same one as long as the same things stand around."""
+        solids = [*(solid for instance in motion.obstacles for solid in obstacles_of(instance)), *motion.seen]
+        allowed = (*self._description.allowed_collision_pairs, *motion.touching)
+        key = (motion.moving, motion.clearance, allowed, tuple(map(id, solids)))  # alive: the scene's world holds them
+        found = self._scenes.pop(key, None)
+        if found is None:
+            found = _Scene(World(self.mechanism, solids, allowed, moving=motion.moving), motion.clearance)
+        else:
+            found.forget()
+            self._solver.forget(found.world)
+        self._scenes[key] = found
+        if len(self._scenes) > _SCENES:
+            del self._scenes[next(iter(self._scenes))]
+        return found
+
     def torque_limit(self, joints: tuple[str, ...]) -> Array:
         """(m,) N·m"""
         return np.asarray(self._description.torque_limit[self._description.index(joints)])
+
+
+class _Scene:
+    """A world with what measures in it: making them takes as long as finding the posture."""
+
+    def __init__(self, world: World, clearance: float):
+        self.world, self.margins = world, Margins(clearance, clearance)
+        self.sweep, self.gauge = Sweep(world), Gauge(world)
+        self.verifier = Verifier(world, margins=self.margins, near=LENGTH)
+
+    def forget(self) -> None:
+        """As if it were new: the same question has the same answer, whatever was asked before."""
+        for part in (self.sweep, self.gauge, self.verifier):
+            part.forget()
 
 
 class _Search:
@@ -244,17 +277,12 @@ class _Search:
         self._lower, self._upper = (
             limit[[mechanism.row(joint) for joint in motion.moving]] for limit in (mechanism.lower, mechanism.upper)
         )
-        solids = [*(solid for instance in motion.obstacles for solid in obstacles_of(instance)), *motion.seen]
-        allowed = [*planner._description.allowed_collision_pairs, *motion.touching]
-        self._world = World(mechanism, solids, allowed, moving=motion.moving)
-        margins = Margins(motion.clearance, motion.clearance)
-        self._connector = Connector(self._world, margins=margins, cancelled=cancelled)
-        self._gauge = Gauge(self._world, motion.moving, self._whole)
-        self._verifier = Verifier(self._world, margins=margins, near=LENGTH)
+        self._scene = scene = planner.scene(motion)
+        self._connector = Connector(scene.world, margins=scene.margins, cancelled=cancelled, sweep=scene.sweep)
         told = {joint for one in (*motion.goals, *chain.from_iterable(motion.through)) for joint in _told(one)}
         free = tuple(joint for joint in motion.moving if joint not in told)
         self._always: list[Constraint] = [
-            kinds.Clearance(scene=self._world, at_least=motion.clearance + _SPARE, name="clearance")
+            kinds.Clearance(scene=scene.world, at_least=motion.clearance + _SPARE, name="clearance")
         ]
         if free:
             margin = constraints.LIMIT_MARGIN.bound
@@ -424,7 +452,9 @@ class _Search:
             self._check()
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
-            measures = self._gauge.motion(knots.times, knots.positions, knots.velocities, torque, self._check)
+            measures = self._scene.gauge.motion(
+                self._start, knots.times, knots.positions, knots.velocities, torque, self._check
+            )
             met = self._met(goals, knots)
             segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=(*measures, *met)))
         ends = np.cumsum([segment.duration for segment in segments])
@@ -446,7 +476,7 @@ class _Search:
         held = [replace(one, window=(0.0, float(ends[-1]))) for one in motion.keep]
         for goals, end in zip(reached, ends.tolist(), strict=True):
             held += [replace(one, window=(end, end)) for one in goals]
-        found = self._verifier.violations(
+        found = self._scene.verifier.violations(
             plan, limits, self._start, constraints=held, torque=torque, cancelled=self._cancelled
         )
         if found:
@@ -460,7 +490,7 @@ class _Search:
         rates = np.zeros((len(knots.times), self._mechanism.nq))
         rates[:, self._rows] = knots.velocities
         motion = cubics(knots.times, self._whole(knots.positions), rates)
-        floors = np.full(len(self._world.pairs), self._motion.clearance - LENGTH)
+        floors = np.full(len(self._scene.world.pairs), self._motion.clearance - LENGTH)
         meeting = self._connector.sweep.meeting(motion, floors, self._cancelled)
         self._check()
         if meeting is not None:

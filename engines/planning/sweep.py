@@ -90,6 +90,10 @@ class Sweep:
         self._balls, self._moved = np.empty((bodies, 3)), np.zeros((bodies, model.nv + 1))
         self._found, self._travel = np.empty(len(self._all), np.int64), np.empty(len(self._all))
 
+    def forget(self) -> None:
+        """As if it had not measured anything yet."""
+        self.world.forget(self._scratch)
+
     def nearest(self, q: Array, chosen: Chosen | None = None, *, within: float = np.inf, guess: int = -1) -> Nearest:
         """At one configuration (nq,), among the chosen pairs (all), those further apart than `within` m left out.
 

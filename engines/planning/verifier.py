@@ -111,6 +111,11 @@ class Verifier:
         self._broad = BroadPhase(world, self._floors - near)
         self._checker = Checker(world.mechanism)
 
+    def forget(self) -> None:
+        """As if it had not verified anything yet."""
+        self._broad.forget()
+        self._world.forget(self._scratch)
+
     def violations(
         self, plan: Motion, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
         touching: Mapping[str, Names] | None = None, torque: Array | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -90,6 +91,14 @@ class World:
         for joint in self.moving:
             self.mechanism.row(joint)
         return {model.getJointId(joint) for joint in self.moving}
+
+    @cached_property
+    def _unasked(self) -> pin.GeometryData:
+        return self.geometry.createData()
+
+    def forget(self, scratch: pin.GeometryData) -> None:
+        """Drop where coal ended with each pair, from where it would begin again: distances then depend on nothing before."""
+        scratch.distanceRequests = self._unasked.distanceRequests
 
     def bodies_of(self, name: str) -> list[int]:
         """The bodies of a link or an obstacle. Raises ValueError when there is none."""

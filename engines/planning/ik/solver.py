@@ -88,6 +88,14 @@ class Solver:
             return answer
         return replace(answer, violations=(*goals_inside(constraints), *answer.violations))
 
+    def forget(self, scene: World) -> None:
+        """As if nothing had been asked about a scene yet."""
+        for links, bodies in list(self._bodies.get(scene, {}).items()):
+            if links:
+                del self._bodies[scene][links]
+            else:
+                scene.forget(bodies.scratch)
+
     def _problem(
         self, table: Table, nominal: Array, cost: Array, columns: Integers, soft: Collection[int] = ()
     ) -> PostureProblem:

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
 from benchmarks.rows import Row
-from engines.planning.connect import Connector
+from engines.planning.collision.connect import Connector
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.obstacles import obstacles_of
+from engines.planning.collision.sweep import Sweep, lines
+from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Direction, Position
-from engines.planning.margins import Margins
 from engines.planning.motion_planner import Motion
-from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
-from engines.planning.sweep import Sweep, lines
 from engines.planning.verifier import Verifier
-from engines.planning.world import World
 from handrail.messages import Pose
 from handrail.robot import description as robots
 

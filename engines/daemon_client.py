@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from engines.freshness import World
+from engines.plans.freshness import World
 from handrail.messages import (
     ActionEvent,
     Base,

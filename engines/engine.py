@@ -23,19 +23,19 @@ import numpy as np
 import zmq
 
 from affordance_templates.server import AffordanceServer
-from engines import deployment, library
 from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
-from engines.deployment import Deployed
-from engines.plan_making import make_edit, make_motion, make_plan, rank_choices
-from engines.planning_desk import PlanningDesk, Task
-from engines.plans import PlanStore
-from engines.prompts import Prompts
-from engines.rehearsal import Rehearsal
-from engines.run import Job, PlanExecution, ProgramRun, Start
-from engines.run_journal import RunJournal
+from engines.plans.desk import PlanningDesk, Task
+from engines.plans.making import make_edit, make_motion, make_plan, rank_choices
+from engines.plans.sight import Sight
+from engines.plans.store import PlanStore
+from engines.programs import deployment, library
+from engines.programs.deployment import Deployed
+from engines.programs.rehearsal import Rehearsal
+from engines.runs.journal import RunJournal
+from engines.runs.prompts import Prompts
+from engines.runs.run import Job, PlanExecution, ProgramRun, Start
 from engines.service import DeferringService, Wake
-from engines.sight import Sight
 from handrail import messages as m
 from handrail.config import ConfigError
 from handrail.robot import description as robot_description

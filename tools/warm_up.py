@@ -111,12 +111,12 @@ def _whole_body() -> None:
 def _planner() -> None:
     import numpy as np
 
+    from engines.planning.collision.sweep import Sweep
+    from engines.planning.collision.world import World
     from engines.planning.ik.constraints import Clearance
     from engines.planning.ik.mechanism import Mechanism
     from engines.planning.ik.solver import Solver
-    from engines.planning.manipulation import ManipulationPlanner
-    from engines.planning.sweep import Sweep
-    from engines.planning.world import World
+    from engines.planning.strokes.manipulation import ManipulationPlanner
     from handrail.robot import description as robots
     from handrail.robot.kinematics import Kinematics
 

@@ -12,8 +12,8 @@ import numpy as np
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
 from affordance_templates.joint_estimate import joint_after_push
-from engines.planning.manipulation import ManipulationPlanner
 from engines.planning.plan import Segment
+from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import Pose
 from handrail.robot import description as robots
 from handrail.robot.kinematics import Kinematics

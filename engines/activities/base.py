@@ -14,16 +14,16 @@ import numpy as np
 from affordance_templates.instance import Instance
 from affordance_templates.server import AffordanceServer
 from engines.daemon_client import DaemonClient
-from engines.motion import Motion
-from engines.plans import PlanStore
-from engines.prompts import Prompts
+from engines.plans.store import PlanStore
+from engines.runs.motion import Motion
+from engines.runs.prompts import Prompts
 from handrail.messages import Along, Goal, KeyFrame, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
-    from engines.planning.behaviour import Choice
+    from engines.planning.collision.seen import Seen
     from engines.planning.plan import Plan
-    from engines.planning.seen import Seen
+    from engines.planning.strokes.behaviour import Choice
 
 
 class Kind(Enum):

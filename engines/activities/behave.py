@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
-from engines.motion import MotionFailed
+from engines.runs.motion import MotionFailed
 from handrail.behaviour_file import BehaviourFile, Part, find
 from handrail.config import ConfigError
 

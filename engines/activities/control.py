@@ -11,7 +11,7 @@ import numpy as np
 
 from affordance_templates.instance import Instance
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
-from engines.motion import MotionFailed
+from engines.runs.motion import MotionFailed
 from handrail.behaviour_file import with_frames
 from handrail.config import plain
 from handrail.messages import (

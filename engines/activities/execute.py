@@ -12,8 +12,8 @@ import numpy as np
 from affordance_templates.joint_estimate import angle_about, joint_after_push
 from affordance_templates.template import ResolvedWaypoint
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind, Services
-from engines.motion import Motion, MotionFailed
-from engines.plans import PlanRecord
+from engines.plans.store import PlanRecord
+from engines.runs.motion import Motion, MotionFailed
 from handrail.messages import ActionEvent, Along
 from handrail.topics import RefusedError
 

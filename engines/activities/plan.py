@@ -49,7 +49,7 @@ class PlanActivity(Activity):
         return (odd[0], "without goals; expected goals") if odd else ("", "")
 
     def run(self) -> dict[str, Any]:
-        from engines.plan_making import make_motion, make_plan  # which imports this package
+        from engines.plans.making import make_motion, make_plan  # which imports this package
 
         self.services.daemon.hold_time(self.context.hold_s)
         values = self.values

@@ -9,11 +9,11 @@ import numpy as np
 from affordance_templates.instance import Instance
 from affordance_templates.joint_estimate import angle_about
 from affordance_templates.template import Array, ResolvedTrajectory, ResolvedWaypoint
-from engines import retrace
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import waypoint_of
-from engines.motion import MotionFailed
-from engines.plans import PlanRecord
+from engines.plans.store import PlanRecord
+from engines.runs import retrace
+from engines.runs.motion import MotionFailed
 from handrail.messages import CartesianImpedance, Motion, Pose
 from handrail.topics import RefusedError
 

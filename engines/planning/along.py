@@ -15,10 +15,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
+from engines.planning.collision.obstacles import placement_of
 from engines.planning.goals import feature_of, message_of
 from engines.planning.ik.constraints import Constraint, Direction, Pose, Position
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.obstacles import placement_of
 from handrail.messages import Along
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from affordance_templates.instance import Instance
+from engines.planning.collision.obstacles import placement_of
 from engines.planning.ik.constraints import Constraint, Direction, Gaze, Position, Posture
 from engines.planning.ik.constraints import Pose as PoseConstraint
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.obstacles import placement_of
 from handrail.messages import FrameGoal, GazeGoal, Goal, JointsGoal, Pose, PostureGoal, RelationGoal
 from handrail.robot.description import RobotDescription
 

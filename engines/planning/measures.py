@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from engines.retrace import hermite
+from engines.runs.retrace import hermite
 from handrail.messages import PlanSeries
 from handrail.robot.model_memory import placements
 
 if TYPE_CHECKING:
-    from engines.planning.world import World
+    from engines.planning.collision.world import World
 
 Array = NDArray[np.float64]
 

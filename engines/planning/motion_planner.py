@@ -23,7 +23,11 @@ from numpy.typing import NDArray
 from affordance_templates.instance import Instance
 from engines.planning import constraints
 from engines.planning.along import Follow, touching
-from engines.planning.connect import Budget, Connector, Margins
+from engines.planning.collision.connect import Budget, Connector, Margins
+from engines.planning.collision.obstacles import Obstacle, obstacles_of
+from engines.planning.collision.seen import Eyes, Seen
+from engines.planning.collision.sweep import Sweep, cubics
+from engines.planning.collision.world import World
 from engines.planning.goals import GoalReader, described
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import LENGTH
@@ -32,16 +36,11 @@ from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.report import Answer
 from engines.planning.ik.solver import Solver
 from engines.planning.ik.trajectory import TrajectorySolver
-from engines.planning.manipulation import TORQUE_SHARE
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Gauge, Measure
-from engines.planning.obstacles import Obstacle, obstacles_of
-from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
-from engines.planning.seen import Eyes, Seen
-from engines.planning.sweep import Sweep, cubics
-from engines.planning.timing import Knots, Limits, parametrise
+from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
+from engines.planning.timing.timing import Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN, Verifier
-from engines.planning.world import World
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
-from engines.planning.manipulation import ManipulationPlanner
 from engines.planning.plan import Plan
+from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
 if TYPE_CHECKING:
+    from engines.planning.collision.seen import Seen
     from engines.planning.motion_planner import MotionPlanner
-    from engines.planning.seen import Seen
 
 Array = NDArray[np.float64]
 

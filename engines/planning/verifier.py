@@ -16,14 +16,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from engines.planning.broad_phase import BroadPhase
+from engines.planning.collision.broad_phase import BroadPhase
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.world import World
 from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
-from engines.planning.margins import Margins
 from engines.planning.plan import Cancelled, Infeasible
-from engines.planning.timing import Limits
-from engines.planning.world import World
+from engines.planning.timing.timing import Limits
 
 Array = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]

@@ -19,10 +19,10 @@ import pytest
 
 from daemon.serving.leases import Leases
 from engines.engine import Engine
-from engines.planning.behaviour import Choice
+from engines.planning.collision.seen import Camera, Seen
 from engines.planning.measures import CLEARANCE, Measure
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
-from engines.planning.seen import Camera, Seen
+from engines.planning.strokes.behaviour import Choice
 from handrail import messages as m
 from handrail.runtime import Runtime
 from handrail.topics import Caller, Publisher, RefusedError, Service, Subscriber, refuse

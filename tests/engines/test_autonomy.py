@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from engines.autonomy import Permissions, Question
-from engines.prompts import Prompts
+from engines.runs.autonomy import Permissions, Question
+from engines.runs.prompts import Prompts
 from handrail.messages import AnswerPrompt, Prompt, PromptClosed
 
 
@@ -39,7 +39,7 @@ class Asked:
 def asked(monkeypatch):
     """Threads that wait for answers begin only when `asked.late()` is called."""
     waiting = []
-    monkeypatch.setattr("engines.autonomy.threading.Thread", lambda **how: _Late(waiting, how))
+    monkeypatch.setattr("engines.runs.autonomy.threading.Thread", lambda **how: _Late(waiting, how))
     asked = Asked()
     asked.late = lambda: [how["target"](*how["args"]) for how in waiting]
     return asked

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from engines import program
+from engines.programs import program
 from handrail import messages as m
 from handrail.config import ConfigError
 from tests.engines.conftest import until

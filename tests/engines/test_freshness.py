@@ -9,8 +9,8 @@ import pytest
 
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
-from engines.freshness import Origin, World, causes
 from engines.planning.plan import Plan, Segment
+from engines.plans.freshness import Origin, World, causes
 from handrail.messages import Base, Pose
 
 JOINTS = ("torso", "shoulder", "elbow", "head")

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from engines import program
+from engines.programs import program
 from handrail import cloud
 from handrail import messages as m
 from handrail.config import ConfigError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from engines import program
+from engines.programs import program
 from handrail import messages as m
 from handrail.config import ConfigError
 

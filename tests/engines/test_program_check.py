@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from engines import library, program
+from engines.programs import library, program
 from handrail.config import ConfigError
 
 GOOD = """\

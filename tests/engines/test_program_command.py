@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from engines import cli
+from engines.programs import cli
 from handrail.messages import AnswerPrompt, Deploy, GetEngine, Run, StopRun
 from handrail.topics import Subscriber
 

@@ -10,8 +10,8 @@ import jsonschema
 import pytest
 from typer.testing import CliRunner
 
-from engines import library
-from engines.cli import app
+from engines.programs import library
+from engines.programs.cli import app
 
 runner = CliRunner()
 NESTED = """\

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from engines import cli, rehearsal
+from engines.programs import cli, rehearsal
 from handrail import messages as m
 from tests.engines.test_motions import PROGRAM
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engines import retrace
+from engines.runs import retrace
 
 TIMES = np.linspace(0, 2, 9)
 POSITIONS = np.column_stack([np.sin(TIMES), TIMES**2 / 4])

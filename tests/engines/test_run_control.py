@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from engines.autonomy import Question
 from engines.daemon_client import DaemonClient
-from engines.motion import Motion, MotionFailed
-from engines.parts import Parts
-from engines.run import ProgramRun
-from engines.statechart import Event
+from engines.programs.statechart import Event
+from engines.runs.autonomy import Question
+from engines.runs.motion import Motion, MotionFailed
+from engines.runs.parts import Parts
+from engines.runs.run import ProgramRun
 from handrail import messages as m
 from handrail.topics import Publisher, RefusedError, Unreachable
 
@@ -191,7 +191,7 @@ def test_a_crash_before_the_first_state_fails_the_run(stack, monkeypatch):
     def crash(chart):
         raise RuntimeError("no machine")
 
-    monkeypatch.setattr("engines.statechart.Chart.begin", crash)
+    monkeypatch.setattr("engines.programs.statechart.Chart.begin", crash)
     stack.place()
     stack.run()
     ended = stack.ended()

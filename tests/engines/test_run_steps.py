@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from engines import library
-from engines.run import ProgramRun
+from engines.programs import library
+from engines.runs.run import ProgramRun
 from handrail import messages as m
 from handrail.topics import Caller, RefusedError
 

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from engines import program
 from engines.activities.base import Activity, ActivityFailed
-from engines.run_clock import RunClock
-from engines.statechart import Chart, Event
+from engines.programs import program
+from engines.programs.statechart import Chart, Event
+from engines.runs.clock import RunClock
 
 NOW = 7_000_000_000
 """ns of the robot's clock when a run begins"""

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from affordance_templates import catalogue
 from affordance_templates.template_file import read as read_template
 from daemon.controllers.registry import find_kind
-from engines import library
+from engines.programs import library
 from hal.plant import scene
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, find
 from handrail.new import app

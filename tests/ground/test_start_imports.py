@@ -18,7 +18,7 @@ LimbProtocol(robots.load("talos_upper"))
     ("modules", "then", "unwanted"),
     [
         (
-            "hal.plant.world, hal.plant.service, daemon.loop, engines.engine, engines.planning.manipulation",
+            "hal.plant.world, hal.plant.service, daemon.loop, engines.engine, engines.planning.strokes.manipulation",
             _PROTOCOL,
             {"cantools", "can", "matplotlib", "networkx", "scipy.stats", "trimesh"},
         ),

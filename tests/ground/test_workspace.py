@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from affordance_templates import catalogue
-from engines import library
+from engines.programs import library
 from hal.plant import scene
 from handrail.robot import description
 

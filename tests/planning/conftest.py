@@ -10,8 +10,8 @@ import pytest
 
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
-from engines.planning.manipulation import ManipulationPlanner
 from engines.planning.plan import Plan
+from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import Pose
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription

@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from engines.planning.connect import Budget, Connector, connect
+from engines.planning.collision.connect import Budget, Connector, connect
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.obstacles import Obstacle, obstacles_of
+from engines.planning.collision.sweep import TOLERANCE, Sweep, cubics, lines
+from engines.planning.collision.world import World
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.margins import Margins
-from engines.planning.obstacles import Obstacle, obstacles_of
 from engines.planning.plan import Cancelled, Infeasible
-from engines.planning.sweep import TOLERANCE, Sweep, cubics, lines
-from engines.planning.world import World
 
 MARGINS = Margins(itself=0.01, objects=0.02)
 

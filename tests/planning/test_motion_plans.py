@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from engines.planning.collision.margins import Margins
 from engines.planning.ik.checker import ANGLE, LENGTH
 from engines.planning.ik.report import Measure as Missed
-from engines.planning.manipulation import VELOCITY_SHARE
-from engines.planning.margins import Margins
 from engines.planning.measures import TORQUE_SHARE
 from engines.planning.motion_planner import MotionPlanner
 from engines.planning.plan import Cancelled, Infeasible, Plan
 from engines.planning.planners import Planners
-from engines.planning.timing import Knots, Limits, peak_velocities
+from engines.planning.strokes.manipulation import VELOCITY_SHARE
+from engines.planning.timing.timing import Knots, Limits, peak_velocities
 from engines.planning.verifier import Verifier, Violation
 from handrail.messages import (
     Along,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from affordance_templates.joint_estimate import joint_after_push
-from engines.planning.collision import CollisionScene
+from engines.planning.collision.bodies import CollisionScene
+from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.constraints import CLEARANCE, SELF_CLEARANCE
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
 
 

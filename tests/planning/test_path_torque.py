@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from engines.planning.path_torque import PathTorque
 from engines.planning.plan import Infeasible
-from engines.planning.timing import Knots, Limits, accelerations, jerks, parametrise
+from engines.planning.timing.path_torque import PathTorque
+from engines.planning.timing.timing import Knots, Limits, accelerations, jerks, parametrise
 from handrail.robot.description import Actuator
 from handrail.robot.kinematics import Kinematics
 

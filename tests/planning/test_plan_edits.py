@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from engines.freshness import World
-from engines.plan_making import make_edit, make_motion
 from engines.planning.planners import Planners
-from engines.plans import PlanStore
+from engines.plans.freshness import World
+from engines.plans.making import make_edit, make_motion
+from engines.plans.store import PlanStore
 from handrail.messages import EditPlan, FrameGoal, PlanMotion, Pose
 
 ARM = "right"

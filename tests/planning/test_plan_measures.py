@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engines.planning.collision import CollisionScene
+from engines.planning.collision.bodies import CollisionScene
+from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, TORQUE_SHARE, Measure, times_of
-from engines.planning.obstacles import obstacles_of
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from engines.planning.halton import halton
-from engines.planning.obstacles import obstacles_of
+from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
-from engines.planning.timing import Limits, accelerations, parametrise, peak_velocities
-from engines.planning.tip_solver import TipSolver, starts
-from engines.planning.visit import Visit
+from engines.planning.strokes.halton import halton
+from engines.planning.strokes.tip_solver import TipSolver, starts
+from engines.planning.strokes.visit import Visit
+from engines.planning.timing.timing import Limits, accelerations, parametrise, peak_velocities
 
 
 @pytest.fixture(scope="module", params=["right", "left"])

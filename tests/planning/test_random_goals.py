@@ -12,17 +12,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engines.planning.connect import Budget, Connector
+from engines.planning.collision.connect import Budget, Connector
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.obstacles import Obstacle
+from engines.planning.collision.sweep import Sweep
+from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Clearance, Position
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
-from engines.planning.margins import Margins
-from engines.planning.obstacles import Obstacle
 from engines.planning.plan import Infeasible, Plan, Segment
-from engines.planning.sweep import Sweep
-from engines.planning.timing import Limits, parametrise
+from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
-from engines.planning.world import World
 from handrail.robot import description as robots
 from handrail.robot.srdf import disabled_pairs
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.reach import Reaches
-from engines.planning.margins import Margins
+from engines.planning.collision.margins import Margins
 from engines.planning.verifier import Verifier
 
 GOALS = 8

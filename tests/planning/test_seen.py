@@ -9,18 +9,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.obstacles import obstacles_of
+from engines.planning.collision.point_distance import PointDistance
+from engines.planning.collision.seen import RESOLUTION, Eyes
+from engines.planning.collision.sweep import Sweep, lines
+from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Clearance, Position
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
-from engines.planning.margins import Margins
-from engines.planning.obstacles import obstacles_of
 from engines.planning.plan import Infeasible
 from engines.planning.planners import Planners
-from engines.planning.point_distance import PointDistance
-from engines.planning.seen import RESOLUTION, Eyes
-from engines.planning.sweep import Sweep, lines
 from engines.planning.verifier import Verifier
-from engines.planning.world import World
 from handrail import cloud
 from handrail.messages import FrameGoal, PlanMotion, Pose
 

@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 from engines.planning.constraints import CLEARANCE, LIMIT_MARGIN
-from engines.planning.manipulation import VELOCITY_SHARE
-from engines.planning.timing import Knots, accelerations, peak_velocities
+from engines.planning.strokes.manipulation import VELOCITY_SHARE
+from engines.planning.timing.timing import Knots, accelerations, peak_velocities
 from handrail.messages import PoseErrorEnd
 
 ENGAGE_RADIUS = 0.10

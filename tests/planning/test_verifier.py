@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.obstacles import Obstacle
+from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Position
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.margins import Margins
-from engines.planning.obstacles import Obstacle
 from engines.planning.plan import Plan, Segment
-from engines.planning.timing import Limits, parametrise
+from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
-from engines.planning.world import World
 
 JOINT = "torso_1_joint"
 

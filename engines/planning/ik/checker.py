@@ -13,12 +13,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.collision.obstacles import placement_of
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.hull import hull
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.report import Measure
-from engines.planning.obstacles import placement_of
 from handrail.messages import Pose as PoseMessage
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from engines.planning.collision.world import World
 from engines.planning.ik.hull import hull
-from engines.planning.world import World
 from handrail.messages import Pose as PoseMessage
 
 Vector = tuple[float, float, float]

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.collision.obstacles import placement_of
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.constraints import WORLD, Constraint
 from engines.planning.ik.report import Measure
-from engines.planning.obstacles import placement_of
 
 
 def goals_inside(constraints: Sequence[Constraint]) -> Iterator[Measure]:

@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.collision.world import World
 from engines.planning.ik import kernels
 from engines.planning.ik.constraints import BodyDistance, Clearance
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.world import World
 from handrail.robot.model_memory import placements
 
 Array = NDArray[np.float64]

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.collision.world import World
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import Checker
 from engines.planning.ik.constraints import Constraint
@@ -27,7 +28,6 @@ from engines.planning.ik.report import Answer
 from engines.planning.ik.rows import Rows, Workspace
 from engines.planning.ik.sqp import Ending, Settings, descend
 from engines.planning.ik.table import Table, table_of
-from engines.planning.world import World
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,6 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from engines.planning.collision.obstacles import Obstacle
+from engines.planning.collision.world import World
 from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import (
     Balance,
@@ -26,9 +28,7 @@ from engines.planning.ik.constraints import (
     Position,
     Posture,
 )
-from engines.planning.obstacles import Obstacle
 from engines.planning.plan import Infeasible
-from engines.planning.world import World
 from handrail.robot import description as robots
 
 TIP, LEFT = "tool_right_tip", "tool_left_tip"

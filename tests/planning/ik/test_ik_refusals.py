@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from engines.planning.collision.world import World
 from engines.planning.ik.constraints import (
     Balance,
     BodyDistance,
@@ -21,7 +22,6 @@ from engines.planning.ik.constraints import (
     Posture,
 )
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.world import World
 from handrail.messages import Pose as PoseMessage
 
 NAN, INF = math.nan, math.inf

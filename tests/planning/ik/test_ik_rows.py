@@ -7,14 +7,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from engines.planning.collision.obstacles import Obstacle
+from engines.planning.collision.world import World
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import Checker
 from engines.planning.ik.nearness import Bodies
 from engines.planning.ik.report import ANGLE_WEIGHT
 from engines.planning.ik.rows import Rows, Workspace
 from engines.planning.ik.table import table_of
-from engines.planning.obstacles import Obstacle
-from engines.planning.world import World
 from handrail.messages import Pose
 
 HAND, OTHER, HEAD = "gripper_right_base_link", "gripper_left_base_link", "head_2_link"

@@ -1,0 +1,258 @@
+"""A run's motion: one action after another on the daemon, paused, resumed and cancelled as a whole.
+
+Pause and cancel come from the engine's main thread while an activity's thread waits in `run`; the gate makes sure that no action
+starts in between.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from typing import get_args
+
+import msgspec
+
+from engines.daemon_client import DaemonClient
+from engines.runs.parts import Parts
+from handrail.behaviour_file import BehaviourFile, Robot
+from handrail.messages import (
+    NOT_READY,
+    ActionEvent,
+    CancelAction,
+    EndCondition,
+    PauseAction,
+    ResumeAction,
+    StartAction,
+    StartBehaviour,
+)
+from handrail.messages import Motion as MotionMessage
+from handrail.topics import RefusedError, Unreachable
+
+GUARDS = frozenset(str(kind.__struct_config__.tag) for kind in get_args(EndCondition))
+"""outcomes that an end condition made: results, not failures"""
+
+_REASONS = {
+    "stopped": "the operator stop was pressed",
+    "owner_lost": "the engine did not check in with the daemon in time",
+    "refused_by_limits": "the daemon's limits refused the motion",
+    "drive_fault": "a drive failed",
+    "diverged": "the robot left its command",
+    "stale_state": "a joint was not measured for too long",
+    "too_close": "the guard stopped it before bodies met, or a region (handrail safety explain)",
+    "balance_lost": "the robot fell (handrail safety explain)",
+    "cancelled": "it was cancelled",
+}
+_LISTEN_S, _STREAM_S = 0.5, 0.05
+_ANSWER_S, _AGAIN_S, _MAKING_S = 10.0, 0.05, 300.0
+"""of wall time: for the answer to a start, which the daemon's server may load libraries for; between asking for a motion whose
+controller is still being made, and as long as that takes where nothing was compiled yet"""
+_UNKNOWN_LIMIT = 4
+
+
+def _always() -> str:
+    return ""
+
+
+def _never(step: str, outcome: str) -> bool:
+    return False
+
+
+class MotionFailed(Exception):
+    """A motion that did not end as planned or could not start. `reason` is one word, `str()` a sentence.
+
+    `started` is False where it is certain that the robot has not begun it.
+    """
+
+    def __init__(self, reason: str, message: str, *, started: bool = True):
+        self.reason, self.started = reason, started
+        super().__init__(message)
+
+
+class Motion:
+    """Runs actions for one run; every method may be called from any thread, `run` from one at a time."""
+
+    def __init__(self, daemon: DaemonClient, parts: Parts, *, hold_after_s: float = 0.0):
+        """`parts`: of the body, held from the first motion that needs them until `end`.
+
+        `hold_after_s`: in lock-step, simulated time waits this long (wall time) for the engine after each action.
+        """
+        self._daemon, self._parts, self._hold_after_s = daemon, parts, hold_after_s
+        self._gate = threading.Condition()
+        self._paused = False
+        self._action = ""
+        self._cancelled = threading.Event()
+        """of the action that runs"""
+        self._still: Callable[[], str] = _always
+        self._outdated = ""
+        self._name = uuid.uuid4().hex[:8]
+        self._count = 0
+
+    @property
+    def paused(self) -> bool:
+        return self._paused
+
+    def run(
+        self,
+        motion: MotionMessage,
+        ends: Sequence[EndCondition],
+        cancelled: threading.Event,
+        *,
+        what: str = "motion",
+        still: Callable[[], str] = _always,
+        meanwhile: Callable[[str], None] | None = None,
+    ) -> ActionEvent:
+        """Run one action and wait for its end.
+
+        :param cancelled: set it and call `interrupt` to end the action early
+        :param still: why the motion may not be run any more, in words, empty while it may: asked right before it starts, however
+            long a pause kept it waiting, and again before a pause of it ends
+        :param meanwhile: called with the action's id twenty times a second while it runs
+        :return: its last event; the outcome is `done` or the name of the end condition that tripped
+        :raises MotionFailed: where it could not start, or ended otherwise; `stale` where `still` said why
+        """
+        message = StartAction(
+            id=self._next(), owner=self._daemon.owner, motion=motion, ends=list(ends), hold_after_s=self._hold_after_s
+        )
+        return self._run(message, cancelled, what, still, meanwhile=meanwhile)
+
+    def run_behaviour(
+        self, behaviour: BehaviourFile, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
+    ) -> ActionEvent:
+        """Run a behaviour and wait for its end; what it leads to `end` by itself is an end as planned, too.
+
+        :raises MotionFailed: as `run` does
+        :raises ConfigError: for joints that the robot has not
+        """
+        call = behaviour.call(self._next(), self._daemon.owner, robot)
+        message = msgspec.structs.replace(call, hold_after_s=self._hold_after_s)
+        return self._run(message, cancelled, what, _always, behaviour.expected)
+
+    def _next(self) -> str:
+        self._count += 1
+        return f"{self._daemon.owner}-{self._name}-{self._count}"
+
+    def _run(
+        self,
+        message: StartAction | StartBehaviour,
+        cancelled: threading.Event,
+        what: str,
+        still: Callable[[], str],
+        expected: Callable[[str, str], bool] = _never,
+        meanwhile: Callable[[str], None] | None = None,
+    ) -> ActionEvent:
+        action, quiet, patience = message.id, 0.0, _LISTEN_S if meanwhile is None else _STREAM_S
+        with self._daemon.watch(action) as watch:
+            unknown = 0
+            self._start(message, cancelled, what, still)
+            try:
+                while True:
+                    event = watch.next(patience)
+                    if event is not None and event.state == "ended":
+                        break
+                    if meanwhile is not None:
+                        meanwhile(action)
+                    quiet = quiet + patience if event is None else 0.0
+                    if 0.0 < quiet < _LISTEN_S:
+                        continue
+                    quiet = 0.0
+                    # A daemon that was started anew knows nothing of the action, and will never tell that it ended.
+                    if event is None and cancelled.is_set():
+                        self._cancel_again()
+                    unknown = unknown + 1 if event is None and self._daemon.running_action() != action else 0
+                    if not self._daemon.alive() or unknown >= _UNKNOWN_LIMIT:
+                        raise MotionFailed("daemon_lost", f"{what}: the daemon has gone silent or was started anew")
+            finally:
+                with self._gate:
+                    self._action, self._still = "", _always
+                    outdated, self._outdated = self._outdated, ""
+                    self._gate.notify_all()
+        if event.outcome == "done" or event.outcome in GUARDS or expected(event.step, event.outcome):
+            return event
+        if outdated:
+            raise MotionFailed("stale", f"{what} was not resumed: {outdated}")
+        if event.outcome == "cancelled" and not cancelled.is_set() and (who := self._parts.taken_over()):
+            raise MotionFailed("taken_over", f"{what} was cancelled: {who}")
+        detail = f" ({event.detail})" if event.detail else ""
+        raise MotionFailed(event.outcome, f"{what}: {_REASONS.get(event.outcome, event.outcome)}{detail}")
+
+    def _start(
+        self, message: StartAction | StartBehaviour, cancelled: threading.Event, what: str, still: Callable[[], str]
+    ) -> None:
+        with self._gate:
+            if (
+                self._action
+            ):  # a state was left in the middle of it: its joints are free once it stands, in simulated time, too
+                self._daemon.release_time()
+            gives_up = time.monotonic() + _MAKING_S
+            while True:
+                self._gate.wait_for(lambda: not (self._paused or self._action) or cancelled.is_set())
+                if cancelled.is_set():
+                    raise MotionFailed("cancelled", f"{what}: it was cancelled", started=False)
+                if why := still():
+                    raise MotionFailed("stale", f"{what} was not started: {why}", started=False)
+                try:
+                    self._daemon.call(self._parts.hold(message), timeout_s=_ANSWER_S)
+                    break
+                except RefusedError as refused:
+                    if refused.refusal.value != NOT_READY or time.monotonic() > gives_up:
+                        said = f"{what}: the daemon refused it: {refused}"
+                        raise MotionFailed("refused", said, started=False) from refused
+                except Unreachable as silent:
+                    with contextlib.suppress(
+                        RefusedError, Unreachable
+                    ):  # it may have begun, and only the answer was lost
+                        self._daemon.call(CancelAction(id=message.id))
+                    raise MotionFailed("daemon_lost", f"{what}: {silent}") from silent
+                self._gate.wait(_AGAIN_S)  # others may pause, cancel, and start theirs meanwhile
+            self._action, self._cancelled, self._still = message.id, cancelled, still
+
+    def pause(self) -> None:
+        """Stop moving along the path, and start nothing new. Raises Unreachable when the daemon does not answer: then it is not
+        paused (or the pause goes on, if it was).
+        """
+        with self._gate:
+            self._tell(PauseAction)
+            self._paused = True
+
+    def resume(self) -> None:
+        """Go on; a motion that may not be run any more is cancelled instead. Raises Unreachable when the daemon does not answer."""
+        with self._gate:
+            self._outdated = self._still() if self._paused else ""
+            self._tell(CancelAction if self._outdated else ResumeAction)
+            self._paused = False
+            self._gate.notify_all()
+
+    def interrupt(self) -> None:
+        """End the running action if its `cancelled` was set, and let none begin whose was. Raises Unreachable when the daemon does
+        not answer.
+        """
+        with self._gate:
+            self._gate.notify_all()
+            if self._cancelled.is_set():
+                self._tell(CancelAction)
+
+    def end(self) -> None:
+        """The run has ended: others may command what it did."""
+        self._parts.give_back()
+
+    def settled(self, timeout_s: float) -> bool:
+        """Wait until no action runs any more; False when one still does."""
+        with self._gate:
+            return self._gate.wait_for(lambda: not self._action, timeout_s)
+
+    def _cancel_again(self) -> None:
+        # The daemon may not have heard of it the first time; it does not mind hearing it twice.
+        with self._gate, contextlib.suppress(Unreachable):
+            self._tell(CancelAction)
+
+    def _tell(self, kind: type[PauseAction | ResumeAction | CancelAction]) -> None:
+        if not self._action:
+            return
+        try:
+            self._daemon.call(kind(id=self._action))
+        except RefusedError:
+            # It has just ended by itself: there is nothing left to pause or cancel.
+            return

@@ -1,0 +1,376 @@
+"""A program that runs, or a plan executed by itself: both can be paused, resumed and stopped, and that acts on the motion."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+
+from engines.activities import ACTIVITIES
+from engines.activities.base import Activity, ActivityFailed, Context, Services
+from engines.activities.execute import check, execute
+from engines.plans.store import PlanRecord
+from engines.programs.deployment import Deployed, check_breakpoints, check_parameters
+from engines.programs.program import State
+from engines.programs.statechart import Chart
+from engines.runs.autonomy import Permissions, Question
+from engines.runs.clock import RunClock
+from engines.runs.gate import RunGate
+from engines.runs.history import RunHistory
+from engines.runs.motion import Motion
+from engines.runs.parts import Parts
+from handrail.messages import RunState, StateVisit
+from handrail.topics import Unreachable, refuse
+
+_SETTLE_S = 3.0
+"""wall time that a run waits for its cancelled motion to stand, before it says that it has ended"""
+HOLD_S = 30.0
+"""wall time for which simulated time waits at most, while a program computes (lock-step)"""
+_log = logging.getLogger(__name__)
+
+
+class Job(Protocol):
+    """What the engine is busy with."""
+
+    @property
+    def active(self) -> bool: ...
+    def pause(self) -> None: ...
+    def resume(self) -> None: ...
+    def stop(self) -> None: ...
+    def join(self, timeout_s: float) -> None: ...
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where and with what a run begins, if not as the program says."""
+
+    states: tuple[str, ...] = ()
+    """one, or one of each parallel region"""
+    variables: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    paused: str = ""
+    """why it waits before its first activity; empty: it does not"""
+    run: str = ""
+    """id of the run that it goes on with"""
+
+
+class ProgramRun:
+    """One run of a deployed program, in a thread of its own."""
+
+    def __init__(
+        self,
+        deployed: Deployed,
+        services: Services,
+        publish: Callable[[RunState], None],
+        *,
+        breakpoints: Iterable[str] = (),
+        autonomy: str = "full",
+        start: Start | None = None,
+        seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
+    ):
+        """`publish` is told of every change; `seeds`: state → where its plans ended in a rehearsal.
+
+        Raises ValueError where `start` names states that can't be active together.
+        """
+        self._seeds = seeds or {}
+        self._services, self._publish = services, publish
+        self._deployed, self._start = deployed, start or Start()
+        parts = Parts(services.daemon, services.description.groups)
+        self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S)
+        program = deployed.program
+        self._parameters = {**deployed.parameters, **self._start.parameters}
+        self._context = Context(services, self._start.run or f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
+        self._gate, self._clock = RunGate(self._waits), RunClock()
+        self._gate.set_breakpoints(breakpoints)
+        self._history = RunHistory(lambda: services.daemon.time_ns)
+        names = {**deployed.names(), **self._start.variables, **self._parameters}
+        self._permissions = Permissions(services.prompts, self._context.run, self._allow, services.log, autonomy)
+        self._chart = Chart(
+            program,
+            names,
+            self._activity,
+            gate=self._gate,
+            clock=self._clock,
+            history=self._history,
+            ask=self._permissions.ask,
+            withdraw=self._permissions.withdraw,
+            start_at=self._start.states,
+        )
+        self._chart.set_autonomy(autonomy)
+        self._lock = threading.RLock()
+        self._state = RunState(
+            run=self._context.run,
+            deployment=deployed.id,
+            program=program.name,
+            hash=program.hash,
+            status="ready",
+            active=[],
+            data=self._data(),
+            breakpoints=self._gate.breakpoints,
+            autonomy=autonomy,
+        )
+        self._stopping = False
+        self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
+
+    @property
+    def state(self) -> RunState:
+        """As last published."""
+        with self._lock:
+            return self._state
+
+    @property
+    def active(self) -> bool:
+        return self.state.status in ("ready", "running", "paused")
+
+    @property
+    def deployed(self) -> Deployed:
+        """What it runs."""
+        return self._deployed
+
+    @property
+    def visits(self) -> list[StateVisit]:
+        """What it went through."""
+        return self._history.visits()
+
+    def start(self) -> RunState:
+        """Begin."""
+        if self._start.paused:
+            self._gate.close()
+            self._clock.stand()
+            self._tell(status="paused", active=list(self._start.states), detail=self._start.paused)
+        else:
+            self._tell(status="running")
+        self._services.daemon.tell_time(self._clock.tick)
+        self._thread.start()
+        return self.state
+
+    def pause(self) -> None:
+        """Stop the motion along its path and start nothing new. Refused when there is nothing that runs."""
+        with self._lock:
+            self._not_stopping()
+            if self._state.status != "running":
+                raise refuse("the program does not run", "status", self._state.status, "running")
+            _reach(self._motion.pause)
+            self._clock.stand()
+            self._gate.close()
+            self._tell(status="paused")
+
+    def resume(self) -> None:
+        """Go on. Refused when it is not paused."""
+        self._go_on(one_step=False)
+
+    def step(self) -> None:
+        """Go on until the next activity is about to begin. Refused when it is not paused."""
+        self._go_on(one_step=True)
+
+    def _go_on(self, *, one_step: bool) -> None:
+        with self._lock:
+            self._not_stopping()
+            if self._state.status != "paused":
+                raise refuse("the program is not paused", "status", self._state.status, "paused")
+            _reach(self._motion.resume)
+            self._clock.go()
+            self._gate.open(one_step=one_step)
+            self._tell(status="running", detail="")
+
+    def set_breakpoints(self, states: Sequence[str]) -> None:
+        """Pause before what these states do. Refused for a state that does nothing."""
+        check_breakpoints(self._deployed, states)
+        with self._lock:
+            self._gate.set_breakpoints(states)
+            self._tell()
+
+    def take(self, id: str, way: int | None) -> RunState:
+        """Leave an active state by its `way`-th transition, or (None) as though done. Refused where there is no such way."""
+        with self._lock:
+            self._not_stopping()
+            if not self.active:
+                raise refuse("the program has ended", "status", self._state.status, "running or paused")
+            if id not in self._state.active:
+                raise refuse("the state is not active", "state", id, f"one of: {', '.join(self._state.active)}")
+            state = next(state for state in self._deployed.program.states() if state.id == id)
+            leading = {k: each.file for k, each in enumerate(state.transitions) if each.file.target}
+            ways = "; ".join(
+                f"{k}: {each.event or each.cond or 'always'} → {each.target}" for k, each in leading.items()
+            )
+            if way is None:
+                done = {f"done.invoke.{id}", f"done.state.{id}"}
+                way = next((k for k, each in leading.items() if done & set((each.event or "").split())), None)
+                if way is None:
+                    raise refuse("the state has no way out for being done", "way", None, ways or "a state that has one")
+            elif way not in leading:
+                raise refuse("the state has no such way out", "way", way, ways or "a state that has one")
+            unset = [name for name, value in leading[way].set.items() if "_event" in str(value)]
+            left_out = f"; not set, for want of a result: {', '.join(unset)}" if unset else ""
+            self._services.log("warning", f"{id} → {leading[way].target}, because an operator said so{left_out}")
+            self._chart.take(id, way)
+            return self.state
+
+    def set_parameters(self, parameters: Mapping[str, Any]) -> None:
+        """Change parameters; each counts from when it is used next. Refused, naming the first that can't be so."""
+        with self._lock:
+            if not self.active:
+                raise refuse("the program has ended", "status", self._state.status, "running or paused")
+            check_parameters(self._deployed.program, parameters)
+            self._parameters.update(parameters)
+            self._chart.set_parameters(parameters)
+            self._tell(data=self._data())
+
+    def set_autonomy(self, level: str) -> None:
+        """How much the run does without asking. Refused for a level that is none."""
+        with self._lock:
+            self._chart.set_autonomy(level)
+            self._permissions.set_level(level)
+            self._tell(autonomy=level)
+
+    def _allow(self, question: Question) -> None:
+        self._chart.allow(question)
+
+    def again_from(self, state: str, *, paused: bool) -> Start:
+        """How a run begins that goes on in a state with what this one has remembered."""
+        with self._lock:
+            why = f"before {state}, as asked" if paused else ""
+            return Start((state,), self._chart.variables(), dict(self._parameters), paused=why)
+
+    def stop(self) -> None:
+        """Cancel the motion and end; the robot holds. Refused when it has ended already."""
+        if not self.active:
+            raise refuse("the program has ended", "status", self.state.status, "running or paused")
+        self._stopping = True
+        self._chart.stop()
+
+    def _not_stopping(self) -> None:
+        # The motion slows down to its end: nothing may set it going again.
+        if self._stopping and self.active:
+            raise refuse("the program is being stopped")
+
+    def join(self, timeout_s: float) -> None:
+        """Wait until it has ended."""
+        self._thread.join(timeout_s)
+
+    def _activity(self, state: State, values: Mapping[str, Any]) -> Activity:
+        if again := self._chart.retries(state):
+            why = self._chart.words("{failure}")
+            self._services.log("warning", f"{state.id}: once more ({again} of {state.file.retry}): {why}")
+        return ACTIVITIES[state.file.do](replace(self._context, seeds=self._seeds.get(state.id, ())), values)
+
+    def _waits(self, why: str) -> None:
+        """An activity waits at the gate, which it has closed itself where there is a reason."""
+        with self._lock:
+            if not self.active:
+                return  # its state was left as it came here, and the run has ended
+            if why and self._gate.is_open:
+                why = ""  # the operator has paused and gone on meanwhile
+            # The driving thread tells the same soon: whoever reads that a state waits finds it among the active ones.
+            now = {"active": self._chart.active() or self._state.active, "data": self._data()}
+            if not why or self._stopping:
+                self._tell(**now)
+                return
+            self._clock.stand()
+            try:
+                self._motion.pause()  # what a parallel state moves
+            except Unreachable as silent:
+                self._services.log("warning", f"{why}: {silent}")
+            self._tell(status="paused", detail=why, **now)
+        self._services.daemon.release_time()
+
+    def _drive(self) -> None:
+        if not self._start.paused:
+            self._services.daemon.hold_time(HOLD_S)
+        try:
+            self._chart.begin()
+            while (end := self._chart.ended) is False:
+                self._tell(active=self._chart.active(), data=self._data())
+                self._chart.step()
+            if isinstance(end, State):
+                status, detail = str(end.file.outcome), self._chart.words(end.file.detail)
+            else:
+                status, detail = "stopped", "stopped by the operator"
+        except Exception as crash:  # noqa: BLE001
+            # Whatever went wrong in here, clients must not be left with a run that seems to go on.
+            _log.exception("%s crashed", self._context.run)
+            status, detail = "failed", f"the engine's own error: {type(crash).__name__}: {crash}"
+            self._chart.abandon()
+        finally:
+            self._permissions.withdraw()
+            self._services.daemon.tell_no_time(self._clock.tick)
+            self._services.daemon.release_time()
+        if not self._motion.settled(_SETTLE_S):
+            self._services.log("warning", "the program has ended, but the daemon has not told that its motion has")
+        self._motion.end()
+        self._services.daemon.release_time()  # its last motion may have asked for time to think at its end
+        self._tell(status=status, detail=detail, active=self._chart.active(), data=self._data())
+
+    def _data(self) -> dict[str, Any]:
+        return {**self._chart.variables(), **self._parameters}
+
+    def _tell(self, **changes: Any) -> None:
+        with self._lock:
+            changes = {"waiting": self._gate.waiting(), "breakpoints": self._gate.breakpoints, **changes}
+            state = msgspec.structs.replace(self._state, **changes, time_ns=self._services.daemon.time_ns)
+            if msgspec.structs.replace(state, time_ns=self._state.time_ns) == self._state:
+                return
+            self._state = state
+            self._publish(state)
+
+
+class PlanExecution:
+    """A plan's segments, executed because an operator asked for it, without a program."""
+
+    def __init__(self, services: Services, record: PlanRecord, segments: Sequence[str]):
+        """Raises ActivityFailed when the plan is stale, or has no such segments."""
+        check(services, record, segments)
+        self._services, self._record, self._segments = services, record, segments
+        parts = Parts(services.daemon, services.description.groups)
+        self._motion, self._cancelled = Motion(services.daemon, parts), threading.Event()
+        self._thread = threading.Thread(target=self._drive, name=f"execute {record.plan.id}", daemon=True)
+        self._thread.start()
+
+    @property
+    def active(self) -> bool:
+        return self._thread.is_alive()
+
+    def pause(self) -> None:
+        """Stop the motion along its path."""
+        _reach(self._motion.pause)
+
+    def resume(self) -> None:
+        """Go on."""
+        _reach(self._motion.resume)
+
+    def stop(self) -> None:
+        """Cancel the motion; the robot holds."""
+        self._cancelled.set()
+        _reach(self._motion.interrupt)
+
+    def join(self, timeout_s: float) -> None:
+        """Wait until it has ended."""
+        self._thread.join(timeout_s)
+
+    def _drive(self) -> None:
+        label = self._record.plan.label
+        try:
+            ended = execute(self._services, self._motion, self._record, self._segments, self._cancelled)
+        except ActivityFailed as failed:
+            self._services.log("info" if failed.reason == "cancelled" else "error", f"{label}: {failed}")
+        except Exception as crash:  # noqa: BLE001
+            _log.exception("%s crashed", label)
+            self._services.log("error", f"{label}: the engine's own error: {type(crash).__name__}: {crash}")
+        else:
+            level = "info" if ended["outcome"] == "done" else "warning"
+            self._services.log(level, f"{label}: {ended['outcome']} after {ended['segment']}")
+        finally:
+            self._motion.end()
+
+
+def _reach(command: Callable[[], None]) -> None:
+    try:
+        command()
+    except Unreachable as silent:
+        raise refuse(f"the daemon does not answer: {silent}") from silent

@@ -2,7 +2,7 @@
 
 - the daemon's bus work in lock-step: the real loop runs in this process against a plant of its own process; timed is the CPU time
   that it takes to receive, decode, encode and send, system calls included, the waiting not (by the wall clock, a send that wakes
-  the plant on the core that they share would count the plant's turn), nor what it rehearses meanwhile (Hardware.rehearse);
+  the plant on the core that they share would count the plant's turn);
 - the plant alone: physics, drives and their 5 kHz firmware, without a bus;
 - the whole stack in lock-step: plant, loop and server as processes, a subscriber to all events; holding, and moving an arm under
   end conditions that need the estimated contact force.

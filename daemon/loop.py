@@ -150,8 +150,6 @@ class Loop:
 
     def read_bus(self) -> None:
         """Take in the drives' replies; in lock-step, wait for them."""
-        if self.core is not None and self.core.apart:
-            self.hardware.rehearse()  # what is done while the plant works costs no time
         gives_up = time.monotonic() + (REPLY_TIMEOUT_S if self.hardware.first_silent() < 0 else BEAT_S)
         while not self.hardware.read(BEAT_S if self.lockstep else 0.0):
             self.serve_stop()

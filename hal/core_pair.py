@@ -36,11 +36,6 @@ class CorePair:
         self._together_s = _TOGETHER_S
         self._move(self._allowed)  # who took turns with it before may have been killed while they shared a core
 
-    @property
-    def apart(self) -> bool:
-        """Each has a core to itself, as far as the two of them go: who waits keeps nobody from working."""
-        return len(self._allowed) > 1 and not self._together
-
     def look(self) -> None:
         """See, a few times a second, whether these cores still are a good place for both."""
         now = time.monotonic()

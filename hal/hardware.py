@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Callable, Iterable
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -79,8 +79,6 @@ class DriveProtocol(Protocol):
 
     def replies(self) -> list[ParameterReply]: ...
 
-    def twin(self) -> Self: ...
-
     @property
     def reply_count(self) -> int: ...
 
@@ -139,15 +137,6 @@ class Hardware:
         channels = [channel.name for channel in description.channels]
         of_joint = {joint: channels.index(limb.channel) for limb in description.limbs for joint in limb.joints}
         self._punctuality = Punctuality([of_joint[joint] for joint in description.joints], len(channels), LOST_AFTER)
-        self._heard: npt.NDArray[np.void] = self._nothing
-        self._wrote: JointCommand | None = None
-        self._rehearsal = (
-            protocol.twin(),
-            JointState(n),
-            DeviceState(d),
-            DriveWatch(n),
-            frames.empty(protocol.frames_a_cycle),
-        )
         self._hear(self._nothing, 0)
         self._out = frames.empty(protocol.frames_a_cycle)
         self._batches = [self._out[:count] for count in range(len(self._out) + 1)]
@@ -265,18 +254,6 @@ class Hardware:
             self._ticks_due = self._ticks  # a word of the plant's was lost: count anew
         return True
 
-    def rehearse(self) -> None:
-        """Go through the motions of a cycle, with what was heard last and what was written, and forget it.
-
-        For whoever waits awake for the drives' answers: code and tables of the bus's work are in the caches then when these come,
-        where the rest of the cycle has had others meanwhile.
-        """
-        protocol, state, devices, watch, out = self._rehearsal
-        protocol.hear(self._heard, len(self._heard), state, devices, watch, 1)
-        protocol.encode_cycle(
-            self._wrote, self._controlwords, self.device_command, 0, self._sequence, self._watchdog, out
-        )
-
     def give_up(self) -> None:
         """Nobody answered for so long that every drive counts as lost."""
         self.state.age += LOST_AFTER + 1
@@ -296,8 +273,6 @@ class Hardware:
 
     def _hear(self, records: npt.NDArray[np.void], older: int) -> int:
         """Take these in, and look at every drive's age and status; replies that were good."""
-        if len(records):
-            self._heard = records
         good, bad = self._protocol.hear(records, len(records), self.state, self.devices, self._watch, older)
         self.crc_errors += bad
         if self._watch.heard_ns:
@@ -330,7 +305,7 @@ class Hardware:
         # More words than cycles: another process's Sync moved the plant, too. The next word is this cycle's.
         self._ticks_due = max(self._ticks_due, self._ticks) + 1
         self._port.send(self._batches[count])
-        self._asked, self._wrote = True, command
+        self._asked = True
 
     def hold_time(self, cycle: int) -> None:
         """Keep a plant in lock-step from running free while time is held."""

@@ -6,7 +6,6 @@ families from limb to limb.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -269,15 +268,6 @@ class LimbProtocol:
         )
         self.repeated += repeated
         return good, refused
-
-    def twin(self) -> LimbProtocol:
-        """Another one for the same robot, which works by the same tables but remembers for itself what it has heard."""
-        made = copy.copy(self)
-        made._notes = self._notes.copy()
-        made._replies = made._notes[: host_side.NOTES].reshape(MOST_PARAMETERS, PARAMETER_COLUMNS)
-        made._clocks = made._notes[host_side.NOTES :][: len(self._clocks)].view(np.float64)
-        made._device_sequence = made._notes[host_side.NOTES + len(self._clocks) :]
-        return made
 
     def replies(self) -> list[ParameterReply]:
         """The parameter replies among the records of the last `decode_status` or `hear`."""

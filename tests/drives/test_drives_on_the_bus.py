@@ -136,29 +136,6 @@ def test_every_drive_says_within_a_tenth_of_a_second_which_version_it_speaks(hos
     assert ids and not ids & set(host.line.heard["can_id"].tolist()), "then nobody is asked any more"
 
 
-def test_a_rehearsal_leaves_no_trace(host: Host) -> None:
-    host.enable()
-    hardware, protocol = host.hardware, host.protocol
-
-    def known() -> list[bytes]:
-        parts = (
-            hardware.state.memory,
-            hardware.devices.memory,
-            protocol._notes,
-            hardware._watch.memory,
-            hardware.counters,
-        )
-        numbers = (hardware.crc_errors, hardware.stale_replies, protocol.repeated, protocol._sent, hardware.bus_time_ns)
-        return [part.tobytes() for part in parts] + [repr(numbers).encode()]
-
-    before, said = known(), host.line.heard.tobytes()
-    for _ in range(3):
-        hardware.rehearse()
-    assert known() == before and host.line.heard.tobytes() == said, "nothing is believed, counted or sent"
-    host.run(5)
-    assert hardware.operational and (hardware.state.age == 0).all() and protocol.repeated == 0
-
-
 def test_a_drive_of_another_version_is_a_stranger(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
     drives = host.line.world.drives
     read = drives.read_parameter

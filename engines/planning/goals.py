@@ -96,19 +96,19 @@ class GoalReader:
             )
         self._robot_frame(f"{where}.frame", frame)
         _finite(where, **{"pose.position": goal.pose.position, "pose.orientation": goal.pose.orientation})
+        for name, room in {"below": goal.below, "above": goal.above}.items():
+            _finite(where, **{name: [x for x in room if x is not None]})
         length = math.hypot(*goal.pose.orientation)
         if abs(length - 1.0) > 1e-3:
             raise ValueError(
                 f"{where}.pose.orientation: got {tuple(goal.pose.orientation)} of length {length:.3g}; "
                 "expected a unit quaternion (x, y, z, w)"
             )
-        for name, bounds in {"below": goal.below, "above": goal.above}.items():
-            if any(map(math.isnan, bounds)):
-                raise ValueError(f"{where}.{name}: got {tuple(bounds)}; expected numbers, 0 or more")
         if not goal.angle <= math.pi:
             raise ValueError(f"{where}.angle: got {goal.angle}; expected 0 to π rad")
         target = message_of(self._base(goal, where) * placement_of(goal.pose))
-        lower, upper = tuple(-x for x in goal.below), tuple(goal.above)
+        below, above = ([math.inf if x is None else x for x in room] for room in (goal.below, goal.above))
+        lower, upper = tuple(-x for x in below), tuple(above)
         bounded = not all(map(math.isinf, (*lower, *upper)))
         if not bounded and goal.angle == math.pi:
             raise ValueError(f"{where}: got no bound on position or angle; expected a goal that says something")

@@ -9,6 +9,9 @@ from msgspec import Meta
 
 from handrail.messages.base import Name, NonNegative, Pose, Positive
 
+Room = NonNegative | None
+"""m; none: no bound"""
+
 
 class JointsGoal(msgspec.Struct, tag="joints", kw_only=True, forbid_unknown_fields=True):
     """Joints are at positions."""
@@ -16,6 +19,7 @@ class JointsGoal(msgspec.Struct, tag="joints", kw_only=True, forbid_unknown_fiel
     positions: dict[Name, float]
     """joint → rad"""
     tolerance: NonNegative = 0.0
+    """rad"""
 
 
 class PostureGoal(msgspec.Struct, tag="posture", kw_only=True, forbid_unknown_fields=True):
@@ -41,11 +45,11 @@ class FrameGoal(msgspec.Struct, tag="frame", kw_only=True, forbid_unknown_fields
     in_frame: str = ""
     instance: str = ""
     feature: str = ""
-    below: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
-    """m along the pose's x, y, z, that the frame may be below it; inf: as far as it likes"""
-    above: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
+    below: tuple[Room, Room, Room] = (0.0, 0.0, 0.0)
+    """along the pose's x, y, z, that the frame may be below it"""
+    above: tuple[Room, Room, Room] = (0.0, 0.0, 0.0)
     angle: NonNegative = 0.0
-    """that it may be turned by; π: any orientation"""
+    """rad, that it may be turned by; π: any orientation"""
     about: Literal["", "x", "y", "z"] = ""
     """turning about this axis of the frame is free; `angle` is the cone that the axis stays in"""
 
@@ -55,13 +59,14 @@ class GazeGoal(msgspec.Struct, tag="gaze", kw_only=True, forbid_unknown_fields=T
 
     frame: Name
     target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """m"""
     in_frame: str = ""
     instance: str = ""
     feature: str = ""
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """in `frame`"""
     cone: Positive
-    """half-angle"""
+    """rad, half-angle"""
 
 
 Goal = JointsGoal | PostureGoal | RelationGoal | FrameGoal | GazeGoal

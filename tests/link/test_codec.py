@@ -16,9 +16,11 @@ from handrail.messages import (
     CheckIn,
     Deploy,
     Enable,
+    FrameGoal,
     GroundTruth,
     HoldTime,
     PlaceInstance,
+    PlanMotion,
     PlanPreview,
     PlanSegment,
     Pose,
@@ -43,6 +45,14 @@ def test_a_message_comes_back_as_it_was_sent():
         name="w", template="wheel", pose_in_world=Pose(position=(0.5, -0.3, 0.3)), parameters={"radius": 0.15}
     )
     assert CALLS.unpack(codec.Packer().pack(call)) == call
+
+
+def test_a_goal_that_is_free_along_an_axis_can_be_asked_for_over_the_link():
+    goal = FrameGoal(pose=Pose(position=(0.5, -0.3, 0.3)), below=(None, 0.02, 0.0), above=(None, 0.0, 0.0))
+    call = PlanMotion(goals=[goal], arm="right")
+    arrived = CALLS.unpack(codec.Packer().pack(call))
+    codec.check_plain(arrived)
+    assert arrived == call
 
 
 def test_large_messages_are_compressed_and_small_ones_are_not():

@@ -38,7 +38,7 @@ from handrail.robot.kinematics import Kinematics
 
 NOWHERE = Pose()
 ANY = math.pi
-FREE = (math.inf, math.inf, math.inf)
+FREE = (None, None, None)
 
 
 class Bench:
@@ -167,9 +167,7 @@ def test_a_goal_goes_with_its_instance_and_with_the_feature_that_it_is_said_in(b
 def test_tolerances_are_used_only_as_far_as_need_be_and_a_free_axis_is_free(bench):
     here = bench.pose(bench.home)
     x, y, z = here.position
-    goal = FrameGoal(
-        pose=Pose(position=(x, y, z + 0.1)), below=(math.inf, 0.02, 0.0), above=(math.inf, 0.0, 0.0), angle=ANY
-    )
+    goal = FrameGoal(pose=Pose(position=(x, y, z + 0.1)), below=(None, 0.02, 0.0), above=(None, 0.0, 0.0), angle=ANY)
     tip = bench.frame(bench.positions(bench.plan(goals=[goal]))[-1]).translation
     assert y - 0.02 - LENGTH <= tip[1] <= y + LENGTH
     assert tip[2] == pytest.approx(z + 0.1, abs=LENGTH)
@@ -267,6 +265,7 @@ def test_what_a_joint_leads_out_of_reach_is_told_by_how_much_of_the_way_is_done(
         ({"along": Along(instance="wheel_1", joint="hinge", by=math.nan)}, "along.by: got nan; expected a finite number"),
         ({"goals": [FrameGoal(pose=Pose(position=(0.4, math.nan, 0.3)))]}, r"goals\[0\].pose.position: got .*nan.*finite"),
         ({"goals": [FrameGoal(pose=Pose(orientation=(0, 0, 0, 0)))]}, r"goals\[0\].pose.orientation: .*unit quaternion"),
+        ({"goals": [FrameGoal(pose=NOWHERE, below=(math.inf, 0, 0))]}, r"goals\[0\].below: got .inf, 0, 0.; expected finite"),
         ({"goals": [FrameGoal(pose=NOWHERE, angle=4.0)]}, r"goals\[0\].angle: got 4.0; expected 0 to π"),
         ({"goals": [FrameGoal(pose=NOWHERE, angle=ANY, below=FREE, above=FREE)]}, "no bound on position or angle"),
         ({"goals": [FrameGoal(frame="tool_rihgt_tip", pose=NOWHERE)]}, r"goals\[0\].frame: .*expected one like tool_right_tip"),

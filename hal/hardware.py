@@ -86,9 +86,6 @@ class DriveProtocol(Protocol):
     def frames_a_cycle(self) -> int: ...
 
     @property
-    def repeated(self) -> int: ...
-
-    @property
     def protocol_version(self) -> npt.NDArray[np.int64]: ...
 
     def quantise(self, command: JointCommand) -> JointCommand: ...
@@ -212,11 +209,6 @@ class Hardware:
     def expected_protocol_version(self, joint: int) -> int:
         """The version that a joint's drive must speak; 0: its family has none."""
         return int(self._protocol.protocol_version[joint])
-
-    @property
-    def repeated_replies(self) -> int:
-        """Replies whose sequence number did not go on, since the start: replays, and drives that are stuck."""
-        return self._protocol.repeated
 
     def read(self, wait_s: float = 0.0) -> bool:
         """Take in the replies that have arrived, once a cycle.

@@ -163,15 +163,15 @@ class ActionTable:
 
     def pause(self, serial: int) -> Refusal | None:
         """Slow down to a stand on the path."""
-        for action in self.running():
-            if action.serial == serial and action.ending is Outcome.NONE:
-                action.controller.clock.hold()
-                return None
-        return Refusal(Answer.NO_SUCH_ACTION)
+        action = self._find(serial)
+        if action is None or action.ending is not Outcome.NONE:
+            return Refusal(Answer.NO_SUCH_ACTION)
+        action.controller.clock.hold()
+        return None
 
     def resume(self, serial: int, last: JointCommand) -> Refusal | None:
         """Go on along the path, from `last`, or from where the joints were pushed to meanwhile."""
-        action = next((action for action in self.running() if action.serial == serial), None)
+        action = self._find(serial)
         if action is None or action.ending is not Outcome.NONE:
             return Refusal(Answer.NO_SUCH_ACTION)
         if action.state is ActionState.PAUSED:
@@ -184,7 +184,7 @@ class ActionTable:
         if not SLOWEST <= share <= 1.0:
             return Refusal(Answer.MALFORMED)
         if serial:
-            action = next((action for action in self.running() if action.serial == serial), None)
+            action = self._find(serial)
             if action is None:
                 return Refusal(Answer.NO_SUCH_ACTION)
             action.speed = share
@@ -197,30 +197,28 @@ class ActionTable:
 
     def cancel(self, serial: int, outcome: Outcome = Outcome.CANCELLED) -> Refusal | None:
         """Slow down to a stand on the path, then end with `outcome`."""
-        for action in self.running():
-            if action.serial == serial:
-                action.controller.clock.hold()
-                action.ending = outcome
-                return None
-        return Refusal(Answer.NO_SUCH_ACTION)
+        action = self._find(serial)
+        if action is None:
+            return Refusal(Answer.NO_SUCH_ACTION)
+        action.controller.clock.hold()
+        action.ending = outcome
+        return None
 
     def stream(self, serial: int, reference: StreamedReference) -> Refusal | None:
         """A streamed reference for a running action."""
-        for action in self.running():
-            if action.serial == serial:
-                takes = action.controller.receive(
-                    reference.task, reference.position, reference.orientation, reference.velocity
-                )
-                return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
-        return Refusal(Answer.NO_SUCH_ACTION)
+        action = self._find(serial)
+        if action is None:
+            return Refusal(Answer.NO_SUCH_ACTION)
+        takes = action.controller.receive(reference.task, reference.position, reference.orientation, reference.velocity)
+        return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
 
     def sample(self, serial: int, sample: JointSample) -> Refusal | None:
         """A sample of joint references for a running action."""
-        for action in self.running():
-            if action.serial == serial:
-                takes = action.controller.sample(sample.sequence, sample.position, sample.velocity)
-                return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
-        return Refusal(Answer.NO_SUCH_ACTION)
+        action = self._find(serial)
+        if action is None:
+            return Refusal(Answer.NO_SUCH_ACTION)
+        takes = action.controller.sample(sample.sequence, sample.position, sample.velocity)
+        return None if takes else Refusal(Answer.NO_SUCH_REFERENCE)
 
     def lose_owner(self, owner: int) -> None:
         """Cancel whatever `owner` has running."""
@@ -356,6 +354,10 @@ class ActionTable:
         """After every start and end, so that no cycle has to look."""
         self._running = tuple(action for action in self.slots if action is not None and action.alive)
         self._force_frames = tuple(dict.fromkeys(frame for action in self._running for frame in action.frames))
+
+    def _find(self, serial: int) -> Action | None:
+        """The running action of this serial."""
+        return next((action for action in self._running if action.serial == serial), None)
 
     def _free_slot(self) -> int | None:
         """An unused slot, or the one whose action ended longest ago, so that a late reader still finds the others."""

@@ -6,11 +6,10 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
-from daemon.controllers.references import LinePath, PathClock
+from daemon.controllers.references import LinePath, PathClock, placement
 from daemon.exchange import CartesianMotion, TaskFrameMotion
 from daemon.state.robot_state import FramePose, RobotState
 from hal.joint import JointCommand
-from handrail.messages import Pose
 
 _SPRING_REACH = 0.10
 """m: the spring pulls no harder than at this distance"""
@@ -41,7 +40,7 @@ class CartesianImpedance(MotionController):
         linear, angular = motion.stiffness
         self._stiffness = np.array([linear] * 3 + [angular] * 3)
         self.clock = PathClock(motion.duration, period)
-        self._goal = motion.goal_in_world and _placement(motion.goal_in_world)
+        self._goal = motion.goal_in_world and placement(motion.goal_in_world)
         self._position = np.zeros(len(motion.joints))
         self._line: LinePath | None = None
 
@@ -93,10 +92,6 @@ class CartesianImpedance(MotionController):
             velocity = _damped_inverse(np.where(blocked, 0.0, jacobian)) @ twist
         most = description.velocity_limit[rows]
         return np.clip(velocity, -most, most)
-
-
-def _placement(pose: Pose) -> pin.SE3:
-    return pin.SE3(pin.Quaternion(np.array(pose.orientation)).normalized().matrix(), np.array(pose.position))
 
 
 def _damped_inverse(jacobian: Array) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, OutputParameter, Ruckig
 
 from handrail.compiled import compiled
+from handrail.messages import Pose
 
 Array = NDArray[np.float64]
 
@@ -250,6 +251,11 @@ class LinePath:
         slope = 30.0 * u * u * (1.0 - u) ** 2 / self.length
         rotation = self.rotation @ pin.exp3(share * self.turn)
         return rotation, self.translation + share * self.shift, slope * self.shift, rotation @ (slope * self.turn)
+
+
+def placement(pose: Pose) -> pin.SE3:
+    """A goal as messages have it, for a path."""
+    return pin.SE3(pin.Quaternion(np.array(pose.orientation)).normalized().matrix(), np.array(pose.position))
 
 
 def fade(elapsed: float, duration: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
-from daemon.controllers.references import HermitePath, LinePath, PathClock
+from daemon.controllers.references import HermitePath, LinePath, PathClock, placement
 from daemon.state.robot_state import RobotState
 from daemon.wbc import moving
 from daemon.wbc.composition import CompoundTask
@@ -149,7 +149,7 @@ class WholeBodyControl(MotionController):
         match reference:
             case m.FrameLine():
                 position, rotation = (part.copy() for part in handle.reference)
-                goal = _placement(reference.goal, handle, reference.shift)
+                goal = _goal(reference.goal, handle, reference.shift)
                 path = LinePath(rotation, position, goal, reference.duration)
                 return FrameTrajectory(handle, path, self._period, self.clock)
             case m.PostureKnots():
@@ -171,7 +171,7 @@ class WholeBodyControl(MotionController):
                 self._streams[reference.task] = stream
                 return stream
         fixed = StreamedPose(handle, self._period, speed=reference.speed, turn=reference.turn, clock=self.clock)
-        goal = _placement(reference.pose, handle, reference.shift)
+        goal = _goal(reference.pose, handle, reference.shift)
         fixed.receive(goal.translation, goal.rotation)
         return fixed
 
@@ -196,8 +196,9 @@ def _longest(references: Sequence[m.Reference]) -> float:
     return max(lengths, default=float("inf"))
 
 
-def _placement(pose: m.Pose | None, handle: Handle, shift: m.Vector) -> pin.SE3:
+def _goal(pose: m.Pose | None, handle: Handle, shift: m.Vector) -> pin.SE3:
+    """`pose`, or by `shift` m from where the task's reference is."""
     if pose is None:
         position, rotation = handle.reference
         return pin.SE3(rotation.copy(), position + np.array(shift))
-    return pin.SE3(pin.Quaternion(np.array(pose.orientation)).normalized().matrix(), np.array(pose.position))
+    return placement(pose)

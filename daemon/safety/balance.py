@@ -18,6 +18,7 @@ class BalanceWatch:
     """Watches a robot from when it stands by itself; what hangs in a gantry has nothing to lose."""
 
     def __init__(self, period: float):
+        """`period`: of the loop, s."""
         self._period = period
         self.stands = False
         """it stands by itself, or did until it began to fall"""

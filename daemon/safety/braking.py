@@ -38,7 +38,7 @@ class Braking:
     """`limits`, as of `at_most`: the most, or for a while after a `look` what it showed."""
 
     def __init__(self, kinematics: Kinematics, worst: Array, period: float):
-        """`worst`: of `at_most`."""
+        """`worst`: of `at_most`; `period`: of the loop, s."""
         self.limits = self._worst = worst
         self._present, self._ends = worst.copy(), np.zeros((2, worst.shape[1] + 1, worst.shape[1]))
         self._model, self._data, self._rows = kinematics.model, kinematics.model.createData(), kinematics.index_v

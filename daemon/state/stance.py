@@ -33,7 +33,7 @@ class Stance:
     """
 
     def __init__(self, kinematics: Kinematics, base: BaseState, period: float):
-        """`base`: as its estimator writes it."""
+        """`base`: as its estimator writes it; `period`: of the loop, s."""
         model, feet = kinematics.model, kinematics.description.feet
         self._model, self._base, self._rows = model, base, kinematics.index_v
         self._data = model.createData()

@@ -80,18 +80,6 @@ def receive(descriptor, words, count, until_tick, ledger):  # type: ignore[no-un
 
 
 @compiled
-def send(descriptor, words, n, ledger):  # type: ignore[no-untyped-def]
-    """Send n records as one datagram and count them; 0, or the error number."""
-    words = borrowed(words)
-    while _send(np.int32(descriptor), words.ctypes.data, BYTES * n, np.int32(_QUIET)) < 0:
-        told = _trouble()
-        if told != _INTERRUPTED:
-            return told
-    count_batch(words, n, SENT, ledger)
-    return np.int64(0)
-
-
-@compiled
 def post(descriptor, words, first, n):  # type: ignore[no-untyped-def]
     """Send n records from record `first` on as one datagram; 0, or the error number."""
     words = borrowed(words)
@@ -100,6 +88,16 @@ def post(descriptor, words, first, n):  # type: ignore[no-untyped-def]
         if told != _INTERRUPTED:
             return told
     return np.int64(0)
+
+
+@compiled
+def send(descriptor, words, n, ledger):  # type: ignore[no-untyped-def]
+    """Send n records as one datagram and count them; 0, or the error number."""
+    words = borrowed(words)
+    told = post(descriptor, words, 0, n)
+    if told == 0:
+        count_batch(words, n, SENT, ledger)
+    return told
 
 
 @compiled

@@ -20,6 +20,7 @@ class Hoist:
     """Holds a free base where it was, lets it down, lets it go. Once gone it does not come back."""
 
     def __init__(self, body: RobotBody, floor: int, step_s: float):
+        """`floor`: PyBullet's number of what it is let down on; `step_s`: of the plant."""
         self._body, self._client, self._floor, self._step = body, body.client, floor, step_s
         self._at, self._turned = (np.array(part) for part in body.base_motion()[:2])
         self._harness: int | None = p.createConstraint(

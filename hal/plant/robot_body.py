@@ -68,11 +68,6 @@ class RobotBody:
         for joint in gripping & set(self.joints):
             p.changeDynamics(self.number, self.joints[joint], lateralFriction=_PAD_FRICTION, physicsClientId=client)
 
-    @property
-    def base_inertial(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centre of mass (3,) m and principal axes (3, 3) of the base link in its own frame."""
-        return self._to_frame[BASE]
-
     def inertial(self, link: int) -> tuple[np.ndarray, np.ndarray]:
         """Centre of mass (3,) m and axes (3, 3) of PyBullet's inertial frame, in the link's own frame."""
         return self._to_frame[link]

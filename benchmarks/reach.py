@@ -25,7 +25,7 @@ from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.collision.sweep import Sweep, lines
 from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Direction, Position
-from engines.planning.motion_planner import Motion
+from engines.planning.motion import Motion
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
 from engines.planning.verifier import Verifier

@@ -1,0 +1,340 @@
+"""The search for a motion's plan: postures at its goals and ways to them, or one spline; time along it; checks of all of it."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from engines.planning import constraints
+from engines.planning.along import Follow
+from engines.planning.collision.connect import Budget, Connector
+from engines.planning.collision.sweep import cubics
+from engines.planning.ik import constraints as kinds
+from engines.planning.ik.checker import LENGTH
+from engines.planning.ik.constraints import Constraint
+from engines.planning.ik.report import Answer
+from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure
+from engines.planning.motion import Motion
+from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
+from engines.planning.timing.timing import Knots, Limits, parametrise
+from engines.planning.verifier import BETWEEN
+
+if TYPE_CHECKING:
+    from engines.planning.motion_planner import MotionPlanner
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_POSTURES = 4
+"""postures for a goal that are tried until one can be gone to"""
+_STARTS = 12
+"""configurations that the search for each begins from at most"""
+_BUDGET = Budget(seconds=10.0, edges=1500)
+"""of a way around what is there, for each posture"""
+_SPARE = 5e-4
+"""m of clearance that a posture at a goal has beyond what is asked for, so that the way to it may end there"""
+_TIP_SPEED = 0.25
+"""m/s, the tool tip's mean speed at most: people watch"""
+_KNOTS = 4
+"""of a spline, between two key frames"""
+_SAMPLES = 40
+"""of a spline's way, between two key frames"""
+_BETWEEN_S = 1.0
+"""s between key frames, for the weights of speed in the optimisation; timing is made anew afterwards"""
+
+
+class MotionSearch:
+    """One question's, of one planner, which lends what it measures and solves with."""
+
+    def __init__(
+        self, planner: MotionPlanner, motion: Motion, start: Array, cancelled: Callable[[], bool],
+        progress: Callable[[str], None],
+    ):  # fmt: skip
+        self._planner, self._motion, self._start = planner, motion, start
+        self._cancelled, self._progress = cancelled, progress
+        mechanism = self._mechanism = planner.mechanism
+        self._data = mechanism.model.createData()
+        self._reached = motion.goals
+        self._rows: Integers = mechanism.coordinate[[mechanism.row(joint) for joint in motion.moving]]
+        self._lower, self._upper = (
+            limit[[mechanism.row(joint) for joint in motion.moving]] for limit in (mechanism.lower, mechanism.upper)
+        )
+        self._scene = scene = planner.scene(motion)
+        self._connector = Connector(scene.world, margins=scene.margins, cancelled=cancelled, sweep=scene.sweep)
+        told = {joint for one in (*motion.goals, *chain.from_iterable(motion.through)) for joint in _told(one)}
+        free = tuple(joint for joint in motion.moving if joint not in told)
+        self._always: list[Constraint] = [
+            kinds.Clearance(scene=scene.world, at_least=motion.clearance + _SPARE, name="clearance")
+        ]
+        if free:
+            margin = constraints.LIMIT_MARGIN.bound
+            self._always.append(kinds.JointLimits(margin=margin, joints=free, name="margin to the joint limits"))
+
+    def plan(self) -> Plan:
+        """See MotionPlanner.plan."""
+        self._leavable()
+        motion = self._motion
+        limits = self._planner.limits_of(motion.moving, self._start)
+        first: Infeasible | None = None
+        for name, paths in self._ways():
+            try:
+                return self._timed(paths, limits, name)
+            except Infeasible as problem:
+                first = first or problem
+        raise first or Infeasible("way", 0.0, "rad", "goals", "was not found")
+
+    def _whole(self, postures: Array) -> Array:
+        """(k, nq) for postures (k, m) of what moves."""
+        q = np.repeat(self._start[None], len(postures), axis=0)
+        q[:, self._rows] = postures
+        return q
+
+    def _leavable(self) -> None:
+        """Raise Infeasible when the robot stands where no motion may begin."""
+        nearest = self._connector.sweep.nearest(self._start, within=self._motion.clearance)
+        if nearest.pair >= 0:
+            bound = f"({nearest.between}) is {nearest.distance:.3g} m, at least {self._motion.clearance:g} allowed"
+            raise Infeasible(
+                "clearance", self._motion.clearance - nearest.distance, "m", "where the robot stands", bound
+            )
+
+    def _ways(self) -> Iterator[tuple[str, list[Array]]]:
+        """Ways to try, (k, m) each between two stops."""
+        motion = self._motion
+        if motion.along is not None:
+            yield "along", [self._followed(motion.along)]
+            return
+        if motion.keep or motion.through:
+            try:
+                yield "spline", [self._spline()]
+            except Infeasible:
+                if motion.keep:  # nothing else keeps anything on the way
+                    raise
+        if not motion.keep:
+            yield from self._stop_by_stop()
+
+    def _frame(self, q: Array, name: str) -> pin.SE3:
+        """A frame in the world at q (nq,)."""
+        mechanism = self._mechanism
+        pin.forwardKinematics(mechanism.model, self._data, q)
+        return pin.SE3(pin.updateFramePlacement(mechanism.model, self._data, mechanism.frame_id(name)))
+
+    def _followed(self, follow: Follow) -> Array:
+        """(k, m), the frame going with its joint: each posture the nearest to the one before. Raises Infeasible, Cancelled."""
+        self._progress(f"way along {follow.asked.joint}")
+        here, rows = self._start, [self._start[self._rows]]
+        step = constraints.JOINT_STEP
+        for share, goals in follow.goals(self._frame(here, follow.frame)):
+            self._check()
+            where = f"{100 * share:.0f} % of the way along {follow.asked.joint}"
+            answer = self._planner.solver.solve(
+                [*goals, *self._motion.keep, *self._always], here, start=here, moving=self._motion.moving, starts=1
+            ).require(where)
+            jump = float(np.abs(answer.q - here).max())
+            if jump > step.bound:
+                raise Infeasible(step.name, jump - step.bound, step.unit, where, f"is {jump:.3g} {step.unit}")
+            here = answer.q
+            rows.append(here[self._rows])
+        self._reached = goals
+        return np.array(rows)
+
+    # ------------------------------------------------------------------------------------------------ ways with stops only
+
+    def _stop_by_stop(self) -> Iterator[tuple[str, list[Array]]]:
+        here, ways = self._start, []
+        for number, goals in enumerate(self._motion.through):
+            here, way = next(self._to(here, goals, f"through[{number}]"))
+            ways.append(way)
+        for _, way in self._to(here, self._motion.goals, "goals"):
+            yield "goals", [*ways, way]
+
+    def _to(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[tuple[Array, Array]]:
+        """Postures at goals (nq,), each with the way there; at least one, or Infeasible is raised."""
+        blocked: Infeasible | None = None
+        found = False
+        for answer in self._postures(here, goals, where):
+            self._progress(f"way to {where}")
+            try:
+                way = self._connector.way(here, answer.q, budget=_BUDGET, progress=self._progress)
+            except Infeasible as problem:
+                blocked = blocked or problem
+                continue
+            found = True
+            yield answer.q, way[:, self._rows]
+        if not found and blocked is not None:
+            raise Infeasible(blocked.constraint, blocked.by, blocked.unit, f"way to {where}", blocked.detail)
+
+    def _postures(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[Answer]:
+        """Postures at goals, the one that is found nearest first. Raises Infeasible when there is none."""
+        self._progress(f"posture at {where}")
+        wanted = [*goals, *self._always]
+        known: list[Array] = []
+        moving = self._motion.moving
+        generator = np.random.default_rng(0)
+        seeds = [self._planner.configuration("seed", seed) for seed in self._motion.seeds]
+        for number in range(_POSTURES + len(seeds)):
+            self._check()
+            start = seeds[number] if number < len(seeds) else None
+            if number > len(seeds):
+                drawn = generator.uniform(np.maximum(self._lower, -np.pi), np.minimum(self._upper, np.pi))
+                start = here.copy()
+                start[self._rows] = drawn
+            if start is not None:
+                others = np.ones(len(start), bool)
+                others[self._rows] = False
+                start[others] = here[others]
+            starts = _STARTS if not known else 2
+            answer = self._planner.solver.solve(
+                wanted, here, start=here if start is None else start, moving=moving, starts=starts
+            )
+            if answer.feasible and all(np.abs(answer.q - one).max() > 0.05 for one in known):
+                known.append(answer.q)
+                yield answer
+            elif not answer.feasible and not known and number >= len(seeds):
+                answer.require(where)
+
+    # --------------------------------------------------------------------------------------- ways that keep something on them
+
+    def _spline(self) -> Array:
+        """(k, m), one smooth way through all key frames that keeps what is to be kept. Raises Infeasible, Cancelled."""
+        self._progress("way as a whole")
+        motion = self._motion
+        stops = len(motion.through) + 1
+        end = stops * _BETWEEN_S
+        held: list[Constraint] = [replace(one, window=(0.0, end)) for one in motion.keep]
+        for number, goals in enumerate((*motion.through, motion.goals), 1):
+            at = number * _BETWEEN_S
+            held += [replace(one, window=(at, at)) for one in goals]
+        times = np.linspace(0.0, end, _KNOTS * stops + 1)
+        found = self._planner.trajectories.solve(
+            [*held, *(replace(one, window=(0.0, end)) for one in self._always)], self._start, times.tolist(), moving=motion.moving,
+            most_knots=3 * len(times), cancelled=self._cancelled,
+        ).require("on the way")  # fmt: skip
+        way = found.at(np.linspace(0.0, end, _SAMPLES * stops + 1))[:, self._rows]
+        way[0] = self._start[self._rows]
+        return way
+
+    # ------------------------------------------------------------------------------------------------------ time and checks
+
+    def _timed(self, ways: list[Array], limits: Limits, name: str) -> Plan:
+        """A plan of segments through the ways, verified. Raises Infeasible, Cancelled."""
+        self._progress("time, and a check of all of it")
+        motion = self._motion
+        whole = name != "goals"
+        reached = [self._reached] if whole else [*motion.through, motion.goals]
+        names = (
+            [name if name == "along" else "goals"]
+            if whole
+            else [*(f"through {n}" for n in range(1, len(ways))), "goals"]
+        )
+        lengths = np.array([max(float(np.abs(np.diff(way, axis=0)).sum(axis=0).max()), 1e-9) for way in ways])
+        torque = self._planner.torque_limit(motion.moving)
+        segments = []
+        for way, share, goals, where in zip(ways, lengths / lengths.sum(), reached, names, strict=True):
+            self._check()
+            knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
+            self._certain(knots, where)
+            measures = self._scene.gauge.motion(
+                self._start, knots.times, knots.positions, knots.velocities, torque, self._check
+            )
+            met = self._met(goals, knots)
+            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=(*measures, *met)))
+        ends = np.cumsum([segment.duration for segment in segments])
+        worst = {
+            figure: min(each.values.min() for one in segments for each in one.measures if each.name == figure)
+            for figure in (CLEARANCE, LIMIT_MARGIN)
+        }
+        plan = Plan(
+            id=f"plan-{uuid.uuid4().hex[:12]}",
+            label=motion.label,
+            arm=motion.arm,
+            joints=motion.moving,
+            segments=tuple(segments),
+            made_from=motion.made_from,
+            start=self._start[self._rows],
+            clearance=float(worst[CLEARANCE]),
+            limit_margin=float(worst[LIMIT_MARGIN]),
+        )
+        held = [replace(one, window=(0.0, float(ends[-1]))) for one in motion.keep]
+        for goals, end in zip(reached, ends.tolist(), strict=True):
+            held += [replace(one, window=(end, end)) for one in goals]
+        found = self._scene.verifier.violations(
+            plan, limits, self._start, constraints=held, torque=torque, cancelled=self._cancelled
+        )
+        if found:
+            raise found[0].error()
+        if motion.along is not None:
+            self._stays(motion.along, segments[0])
+        return replace(plan, key_times=self._passes(segments[0]) if whole else tuple(ends[:-1].tolist()))
+
+    def _certain(self, knots: Knots, where: str) -> None:
+        """Raise Infeasible unless the motion between the knots, a cubic through them, keeps clear all along."""
+        rates = np.zeros((len(knots.times), self._mechanism.nq))
+        rates[:, self._rows] = knots.velocities
+        motion = cubics(knots.times, self._whole(knots.positions), rates)
+        floors = np.full(len(self._scene.world.pairs), self._motion.clearance - LENGTH)
+        meeting = self._connector.sweep.meeting(motion, floors, self._cancelled)
+        self._check()
+        if meeting is not None:
+            words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {self._motion.clearance:g} allowed"
+            raise Infeasible("clearance", max(self._motion.clearance - meeting.distance, 0.0), "m", where, words)
+
+    def _met(self, goals: Sequence[Constraint], knots: Knots) -> tuple[Measure, ...]:
+        """How well goals are met at the last knot: by how much the worst of them is missed, in m and in rad."""
+        missed = self._planner.solver.checker.measures(goals, self._whole(knots.positions[-1:])[0])
+        units = {RESIDUAL: "m", TILT: "rad"}
+        end = knots.times[-1:]
+        found = {name: [m.by for m in missed if m.unit == unit] for name, unit in units.items()}
+        return tuple(Measure(name, end, np.array([max(by)])) for name, by in found.items() if by)
+
+    def _watched(self, way: Array) -> float:
+        """s that a way takes at least, so that people can watch the tool."""
+        if not self._motion.arm:
+            return 0.0
+        model, places = self._mechanism.model, []
+        tip = self._mechanism.frame_id(self._planner.tip_of(self._motion.arm))
+        data = model.createData()
+        for q in self._whole(way[:: max(1, len(way) // 20)]):
+            pin.forwardKinematics(model, data, q)
+            places.append(pin.updateFramePlacement(model, data, tip).translation.copy())
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / _TIP_SPEED if len(places) > 1 else 0.0
+
+    def _stays(self, follow: Follow, segment: Segment) -> None:
+        """Raise Infeasible where the frame leaves the way that the joint leads it on, also between what was solved for."""
+        start = self._frame(self._start, follow.frame)
+        off = [follow.missed(start, self._frame(q, follow.frame)) for q in self._whole(segment.positions)]
+        if max(off) > BETWEEN * LENGTH:
+            where = f"{segment.times[int(np.argmax(off))]:.3g} s"
+            raise Infeasible(f"along {follow.asked.joint} ({follow.frame})", max(off), "m", segment.name, f"at {where}")
+
+    def _passes(self, segment: Segment) -> tuple[float, ...]:
+        """s at which a segment comes by every key frame, in their order. Raises Infeasible unless it does."""
+        q = self._whole(segment.positions)
+        first, passed = 0, list[float]()
+        for number, goals in enumerate(self._motion.through):
+            missed = [self._planner.solver.checker.measures(goals, one) for one in q[first:]]
+            sizes = [max((m.size for m in measures), default=0.0) for measures in missed]
+            best = int(np.argmin(sizes))
+            if sizes[best] > 0.01:
+                worst = max(missed[best], key=lambda m: m.size)
+                words = f"({worst.what}) is {worst.value:.3g} {worst.unit}"
+                raise Infeasible(worst.constraint, worst.by, worst.unit, f"through[{number}]", words)
+            first += best
+            passed.append(float(segment.times[first]))
+        return tuple(passed)
+
+    def _check(self) -> None:
+        if self._cancelled():
+            raise Cancelled("planning was cancelled")
+
+
+def _told(constraint: Constraint) -> tuple[str, ...]:
+    """The joints that a constraint puts somewhere, be it at their limits."""
+    return tuple(constraint.coefficients) if isinstance(constraint, kinds.Posture) else ()

@@ -1,0 +1,24 @@
+"""A collision world with all that measures in it, as long as the same things stand around."""
+
+from __future__ import annotations
+
+from engines.planning.collision.margins import Margins
+from engines.planning.collision.sweep import Sweep
+from engines.planning.collision.world import World
+from engines.planning.ik.checker import LENGTH
+from engines.planning.measures import Gauge
+from engines.planning.verifier import Verifier
+
+
+class Scene:
+    """Of one world; `clearance` m is kept in it. Making one takes as long as finding a posture."""
+
+    def __init__(self, world: World, clearance: float):
+        self.world, self.margins = world, Margins(clearance, clearance)
+        self.sweep, self.gauge = Sweep(world), Gauge(world)
+        self.verifier = Verifier(world, margins=self.margins, near=LENGTH)
+
+    def forget(self) -> None:
+        """As if it were new: the same question has the same answer, whatever was asked before."""
+        for part in (self.sweep, self.gauge, self.verifier):
+            part.forget()

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from engines.runs.retrace import hermite
 from handrail.messages import PlanSeries
-from handrail.robot.model_memory import placements
-
-if TYPE_CHECKING:
-    from engines.planning.collision.world import World
 
 Array = NDArray[np.float64]
 
 CLEARANCE, RESIDUAL, TILT, LIMIT_MARGIN, TORQUE_SHARE = "clearance", "residual", "tilt", "limit_margin", "torque_share"
 """m to what is nearest, m and rad between the tool's tip and its goal, rad to the nearest joint limit, share of a torque limit"""
-NEAR = 0.15
-"""m: clearances beyond this are told as this"""
-_SPACING, _TOLD = 0.006, 10
-"""rad (m) between two postures of a motion in the joint that moves most; of so many one is told, all about the nearest"""
 _LEAST_IS_WORST = frozenset({CLEARANCE, LIMIT_MARGIN})
 
 
@@ -96,6 +85,18 @@ def joined(parts: Iterable[Sequence[Measure]], starts: Sequence[float]) -> dict[
     }
 
 
+def limit_margins(joints: Sequence[str], times: Array, q: Array, lower: Array, upper: Array) -> Measure:
+    """rad (m), over a motion's (k,) s and (k, m): to the nearest of the limits (m,), and of which joint."""
+    room = np.minimum(q - lower, upper - q)
+    return Measure(LIMIT_MARGIN, times, room.min(axis=1), tuple(joints[row] for row in room.argmin(axis=1)))
+
+
+def torque_shares(joints: Sequence[str], times: Array, torques: Array, limit: Array) -> Measure:
+    """Share of its limit (m,) N·m that the hardest worked joint needs, over (k,) s and (k, m) N·m, and which joint that is."""
+    shares = np.abs(torques) / limit
+    return Measure(TORQUE_SHARE, times, shares.max(axis=1), tuple(joints[row] for row in shares.argmax(axis=1)))
+
+
 def times_of(path: Array, times: Array, positions: Array) -> Array:
     """(k,) s at which a timed motion along a path passes the path's rows (k, m): as far along it in joint space, in share.
 
@@ -111,97 +112,3 @@ def times_of(path: Array, times: Array, positions: Array) -> Array:
 
 def _lengths(path: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-
-
-class Gauge:
-    """Measures motions of a world's moving joints (m), the others standing still. Not for several threads at once."""
-
-    def __init__(self, world: World):
-        self._world, self._moving = world, world.moving
-        mechanism = world.mechanism
-        self._rows = [mechanism.row(joint) for joint in self._moving]
-        self._model, self._data = mechanism.model, mechanism.model.createData()
-        self._scratch = world.geometry.createData()
-        self._placed = placements(self._scratch.oMg) if len(self._scratch.oMg) else np.empty((0, 12))
-
-    def forget(self) -> None:
-        """As if it had not measured anything yet."""
-        self._world.forget(self._scratch)
-
-    def motion(
-        self, at: Array, times: Array, positions: Array, velocities: Array, torque: Array, going: Callable[[], None]
-    ) -> tuple[Measure, Measure, Measure]:
-        """Clearance, margin to the joint limits and share of `torque` (m,) N·m along knots (k,) s, (k, m) rad, (k, m) rad/s.
-
-        The others stand where they are at `at` (nq,). `going` is called between clearances and may raise.
-        """
-        looks = _spaced(times, positions)
-        way = hermite(times, positions, velocities, looks)
-        return (
-            self._clearances(looks, self._whole(at, way), going),
-            self._limit_margins(looks, way),
-            self._torque_shares(times, self._whole(at, positions), velocities, torque),
-        )
-
-    def _whole(self, at: Array, way: Array) -> Array:
-        q = np.repeat(at[None], len(way), axis=0)
-        q[:, self._world.mechanism.coordinate[self._rows]] = way
-        return q
-
-    def _limit_margins(self, times: Array, way: Array) -> Measure:
-        mechanism = self._world.mechanism
-        room = np.minimum(way - mechanism.lower[self._rows], mechanism.upper[self._rows] - way)
-        about = tuple(self._moving[joint] for joint in room.argmin(axis=1))
-        return Measure(LIMIT_MARGIN, times, room.min(axis=1), about)
-
-    def _torque_shares(self, times: Array, q: Array, velocities: Array, limit: Array) -> Measure:
-        """Of the joint that works hardest, at every knot, by inverse dynamics."""
-        rates = np.gradient(velocities, times, axis=0)
-        velocity, acceleration = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        shares = np.empty(velocities.shape)
-        for number, one in enumerate(q):
-            velocity[self._rows], acceleration[self._rows] = velocities[number], rates[number]
-            needed = pin.rnea(self._model, self._data, one, velocity, acceleration)[self._rows]
-            shares[number] = np.abs(needed) / limit
-        about = tuple(self._moving[joint] for joint in shares.argmax(axis=1))
-        return Measure(TORQUE_SHARE, times, shares.max(axis=1), about)
-
-    def _clearances(self, times: Array, q: Array, going: Callable[[], None]) -> Measure:
-        """The smallest distances at every _TOLD-th of (k, nq), up to NEAR, and at all about the least."""
-        told: dict[int, tuple[float, str]] = {}
-        for number in (*range(0, len(q), _TOLD), len(q) - 1):
-            going()
-            told[number] = self._nearest(q[number])
-        least = min(told, key=lambda number: told[number][0])
-        for number in range(max(least - _TOLD + 1, 0), min(least + _TOLD, len(q))):
-            if number not in told:
-                told[number] = self._nearest(q[number])
-        numbers = sorted(told)
-        distances, about = zip(*(told[number] for number in numbers), strict=True)
-        return Measure(CLEARANCE, times[numbers], np.array(distances), about)
-
-    def _nearest(self, q: Array) -> tuple[float, str]:
-        """The smallest distance at (nq,), at most NEAR, and between whom."""
-        world = self._world
-        pin.forwardKinematics(self._model, self._data, q)
-        pin.updateGeometryPlacements(self._model, self._data, world.geometry, self._scratch)
-        turned = self._placed[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)  # kept by columns
-        balls = np.einsum("bij,bj->bi", turned, world.centres) + self._placed[:, 9:]
-        first, second = world.pairs.T
-        gaps = np.linalg.norm(balls[first] - balls[second], axis=1) - world.radii[first] - world.radii[second]
-        here, which = NEAR, -1
-        for pair in np.argsort(gaps).tolist():
-            if gaps[pair] >= here:
-                break
-            distance = pin.computeDistance(world.geometry, self._scratch, pair).min_distance
-            if not distance >= here:
-                here, which = float(distance), pair
-        return here, world.between(which) if which >= 0 else ""
-
-
-def _spaced(times: Array, positions: Array) -> Array:
-    """(j,) s, about _SPACING from one another as the joint that moves most goes, however slowly; both ends."""
-    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions, axis=0)).max(axis=1))])
-    at = np.interp(np.linspace(0.0, gone[-1], max(int(np.ceil(gone[-1] / _SPACING)), 1) + 1), gone, times)
-    at[0], at[-1] = times[0], times[-1]
-    return np.asarray(at)

@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 
 from engines.planning import constraints
 from engines.planning.along import Follow
+from engines.planning.collision.clearances import clearances, looks
 from engines.planning.collision.connect import Budget, Connector
 from engines.planning.collision.sweep import cubics
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Answer
-from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure
+from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, limit_margins, torque_shares
 from engines.planning.motion import Motion
 from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
 from engines.planning.timing.timing import Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN
+from engines.runs.retrace import hermite
 
 if TYPE_CHECKING:
     from engines.planning.motion_planner import MotionPlanner
@@ -241,11 +243,8 @@ class MotionSearch:
             self._check()
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
-            measures = self._scene.gauge.motion(
-                self._start, knots.times, knots.positions, knots.velocities, torque, self._check
-            )
-            met = self._met(goals, knots)
-            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=(*measures, *met)))
+            measures = (*self._kept(knots, limits, torque), *self._met(goals, knots))
+            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
         ends = np.cumsum([segment.duration for segment in segments])
         worst = {
             figure: min(each.values.min() for one in segments for each in one.measures if each.name == figure)
@@ -285,6 +284,19 @@ class MotionSearch:
         if meeting is not None:
             words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {self._motion.clearance:g} allowed"
             raise Infeasible("clearance", max(self._motion.clearance - meeting.distance, 0.0), "m", where, words)
+
+    def _kept(self, knots: Knots, limits: Limits, torque: Array) -> tuple[Measure, ...]:
+        """Clearance, margin to the joint limits and share of `torque` (m,) N·m along knots."""
+        joints, times = self._motion.moving, looks(knots.times, knots.positions)
+        way = hermite(knots.times, knots.positions, knots.velocities, times)
+        assert limits.torque is not None
+        rates = np.gradient(knots.velocities, knots.times, axis=0)
+        needed = limits.torque.whole(knots.positions, knots.velocities, rates)
+        return (
+            clearances(self._scene.sweep, times, self._whole(way), self._check),
+            limit_margins(joints, times, way, self._lower, self._upper),
+            torque_shares(joints, knots.times, needed, torque),
+        )
 
     def _met(self, goals: Sequence[Constraint], knots: Knots) -> tuple[Measure, ...]:
         """How well goals are met at the last knot: by how much the worst of them is missed, in m and in rad."""

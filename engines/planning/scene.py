@@ -6,7 +6,6 @@ from engines.planning.collision.margins import Margins
 from engines.planning.collision.sweep import Sweep
 from engines.planning.collision.world import World
 from engines.planning.ik.checker import LENGTH
-from engines.planning.measures import Gauge
 from engines.planning.verifier import Verifier
 
 
@@ -15,10 +14,10 @@ class Scene:
 
     def __init__(self, world: World, clearance: float):
         self.world, self.margins = world, Margins(clearance, clearance)
-        self.sweep, self.gauge = Sweep(world), Gauge(world)
+        self.sweep = Sweep(world)
         self.verifier = Verifier(world, margins=self.margins, near=LENGTH)
 
     def forget(self) -> None:
         """As if it were new: the same question has the same answer, whatever was asked before."""
-        for part in (self.sweep, self.gauge, self.verifier):
-            part.forget()
+        self.sweep.forget()
+        self.verifier.forget()

@@ -106,6 +106,11 @@ def test_known_friction_takes_its_part(weak, home, rows, path, limits):
         for robot in (weak, rough)
     ]
     assert times[1] > 1.02 * times[0]
+    velocity = np.where(np.arange(len(rows)) % 2, 0.3, -0.3)
+    wholes = [
+        PathTorque(robot, rows, home, SHARE).whole(path[:1], velocity[None], 0 * path[:1]) for robot in (weak, rough)
+    ]
+    assert wholes[1] - wholes[0] == pytest.approx(0.5 * np.sign(velocity)[None]), "plans tell it among their torques"
 
 
 def test_a_joint_that_cannot_carry_its_load_is_named(weak, home, rows, path, limits):

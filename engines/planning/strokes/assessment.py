@@ -11,7 +11,8 @@ from engines.planning import constraints
 from engines.planning.collision.bodies import Clearance, CollisionScene
 from engines.planning.collision.sweep import Nearest
 from engines.planning.constraints import Constraint
-from engines.planning.measures import LIMIT_MARGIN, TORQUE_SHARE, Measure
+from engines.planning.measures import Measure, limit_margins, torque_shares
+from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
 
@@ -32,7 +33,7 @@ class Assessor:
         others = {joint for other in description.arms.values() if other.name != arm.name for joint in other.joints}
         self._own = np.array([row for row, joint in enumerate(arm.joints) if joint not in others])
         self._torque_limit = description.torque_limit[self.rows]
-        self._friction = np.array([actuator.friction for actuator in description.actuators])[self.rows]
+        self.torque = PathTorque(kinematics, self.rows, position, TORQUE_SHARE)
 
     def all_joints(self, q: Array) -> Array:
         """(k, n) positions of the whole robot for the arm's (k, m)."""
@@ -42,7 +43,7 @@ class Assessor:
 
     def limit_margin(self, q: Array) -> float:
         """rad, the smallest distance of (k, m) to a joint's limit."""
-        return float(np.minimum(q - self._lower, self._upper - q).min())
+        return float(self.limit_room(q).min())
 
     def limit_room(self, q: Array) -> Array:
         """(k,) rad, the distance of each of (k, m) to its nearest joint limit."""
@@ -61,9 +62,7 @@ class Assessor:
 
     def limit_margins(self, times: Array, q: Array) -> Measure:
         """rad, over a motion's (k,) s and (k, m) rad: to the nearest joint limit, and of which joint."""
-        room = np.minimum(q - self._lower, self._upper - q)
-        nearest = room.argmin(axis=1)
-        return Measure(LIMIT_MARGIN, times, room.min(axis=1), tuple(self.arm.joints[row] for row in nearest))
+        return limit_margins(self.arm.joints, times, q, self._lower, self._upper)
 
     def torque_shares(self, times: Array, q: Array, velocities: Array, forces: Array) -> Measure:
         """Share of its limit that the hardest worked of the arm's joints needs, over a motion's (k,) s, (k, m) rad and rad/s.
@@ -71,22 +70,11 @@ class Assessor:
         Inverse dynamics and friction, `forces` (k, 3) N acting on the tip; accelerations are the velocities' differences.
         """
         accelerations = np.gradient(velocities, times, axis=0)
-        torques = self._kinematics.inverse_dynamics(
-            self.all_joints(q), self._spread(velocities), self._spread(accelerations)
-        )[:, self.rows]
-        torques += self._friction * np.sign(velocities)
+        torques = self.torque.whole(q, velocities, accelerations)
         pushed = forces.any(axis=1)
         for row, position in zip(np.flatnonzero(pushed), self.all_joints(q[pushed]), strict=True):
             torques[row] -= self._kinematics.jacobian(position, self.arm.tip)[:3, self.rows].T @ forces[row]
-        shares = np.abs(torques) / self._torque_limit
-        hardest = shares.argmax(axis=1)
-        return Measure(TORQUE_SHARE, times, shares.max(axis=1), tuple(self.arm.joints[row] for row in hardest))
-
-    def _spread(self, columns: Array) -> Array:
-        """(k, n) of the whole robot, zero but for the arm's (k, m)."""
-        whole = np.zeros((len(columns), len(self._position)))
-        whole[:, self.rows] = columns
-        return whole
+        return torque_shares(self.arm.joints, times, torques, self._torque_limit)
 
     def clearances(self, q: Array, *, tool_may_touch: bool) -> dict[Constraint, Clearance]:
         """To the template's object and to the robot itself over (k, m)."""

@@ -23,7 +23,6 @@ from engines.planning.strokes.path import Leg
 from engines.planning.strokes.stroke import ARCS, STARTS, Stroke
 from engines.planning.strokes.tip_solver import TipSolver, starts
 from engines.planning.strokes.visit import Visit
-from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
 from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
@@ -101,7 +100,7 @@ class ManipulationPlanner:
                 visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or _never, progress or _quiet
             )
             legs, outputs = stroke.legs(arc, entry_shift)
-            plan = self._timed(legs, instance, visit, side, assessor, outputs, position)
+            plan = self._timed(legs, instance, visit, side, assessor, outputs)
             self._verify(plan, legs, scene, assessor, position, cancelled or _never)
             return replace(plan, made_from={**plan.made_from, **{other.name: other.version for other in others}})
 
@@ -163,12 +162,13 @@ class ManipulationPlanner:
 
     def _timed(
         self, legs: list[Leg], instance: Instance, visit: Visit, arm: Arm, assessor: Assessor,
-        outputs: Mapping[str, float], position: Array,
+        outputs: Mapping[str, float],
     ) -> Plan:  # fmt: skip
         rows, all_joints = assessor.rows, self.limits
         assert all_joints.jerk is not None
-        torque = PathTorque(self._kinematics, rows, position, TORQUE_SHARE)
-        limits = Limits(all_joints.velocity[rows], all_joints.acceleration[rows], all_joints.jerk[rows], torque)
+        limits = Limits(
+            all_joints.velocity[rows], all_joints.acceleration[rows], all_joints.jerk[rows], assessor.torque
+        )
         segments = []
         for leg in legs:
             knots = parametrise(leg.path, limits, leg.duration, where=leg.name)

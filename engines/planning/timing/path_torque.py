@@ -7,7 +7,6 @@ Inverse dynamics along a path q(s) with derivatives q' and q″ by s, Bobrow, Du
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from handrail.robot.kinematics import Kinematics
@@ -34,16 +33,18 @@ class PathTorque:
 
     def needed(self, q: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """Of (k, m) rad, rad/s, rad/s²: (k, n) N·m that the motion takes; (k, n) N·m against gravity and friction on top."""
-        kinematics, index = self._kinematics, self._kinematics.index_v
-        spread = np.zeros((3, len(q), kinematics.model.nv))
-        spread[0] = kinematics.configuration(self._position)
-        spread[:, :, index[self._rows]] = q, velocity, acceleration
-        model, data = kinematics.model, kinematics.data
-        whole = np.array([pin.rnea(model, data, *row) for row in zip(*spread, strict=True)])[:, index]
-        still = np.array([pin.computeGeneralizedGravity(model, data, row) for row in spread[0]])[:, index]
-        moving = whole - still
+        spread = np.zeros((3, len(q), len(self._position)))
+        spread[0] = self._position
+        spread[:, :, self._rows] = q, velocity, acceleration
+        still = np.array([self._kinematics.gravity(row) for row in spread[0]])
+        moving = self._kinematics.inverse_dynamics(*spread) - still
         still[:, self._rows] += self._friction[self._rows] * np.sign(velocity)
         return moving, still
+
+    def whole(self, q: Array, velocity: Array, acceleration: Array) -> Array:
+        """(k, m) N·m of those that move, for all of it: weight, friction and acceleration. (k, m) rad, rad/s, rad/s²."""
+        moving, still = self.needed(q, velocity, acceleration)
+        return (moving + still)[:, self._rows]
 
     def along(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
         """(a, b, c, joints): τ = a s̈ + b ṡ² + c, each (k, j) N·m, of those joints (j,) that feel the motion."""

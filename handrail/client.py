@@ -244,7 +244,7 @@ class Client:
 
     def rank_choices(
         self, instance: str, trajectory: str = "", arms: Sequence[str] = (), *, after: str = "",
-        timeout_s: float | None = 30.0,
+        timeout_s: float | None = None,
     ) -> list[Choice]:  # fmt: skip
         """Which arm and place around the joint can do how much of a behaviour at an instance, the best first."""
         call = RankChoices(instance=instance, trajectory=trajectory, arms=list(arms), after=after)
@@ -282,7 +282,7 @@ class Client:
         """Check a program whole and bind its resources, e.g. {"arm": "right", "valve": "wheel_1"}."""
         return self.call(Deploy(program=program, bindings=dict(bindings or {}), parameters=dict(parameters or {})))
 
-    def check_task(self, deployment: Deployment | str, *, timeout_s: float | None = 120.0) -> TaskCheck:
+    def check_task(self, deployment: Deployment | str, *, timeout_s: float | None = None) -> TaskCheck:
         """Rehearse what was deployed, without moving: every motion verified before the first one."""
         id = deployment if isinstance(deployment, str) else deployment.id
         return self.call(CheckTask(deployment=id), timeout_s)

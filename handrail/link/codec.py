@@ -22,6 +22,7 @@ import zstandard
 
 from handrail.messages import (
     Answer,
+    CheckTask,
     DaemonCall,
     DaemonEvent,
     Deploy,
@@ -34,7 +35,9 @@ from handrail.messages import (
     MakePlan,
     Message,
     PlanMotion,
+    RankChoices,
     Run,
+    RunFrom,
     SensorEvent,
     Stop,
     spec,
@@ -79,9 +82,12 @@ _TIMEOUTS_S: dict[type, float] = {
     MakePlan: 60.0,
     PlanMotion: 60.0,
     EditPlan: 60.0,
+    RankChoices: 60.0,
+    CheckTask: 120.0,
     ExecutePlan: 10.0,
     Deploy: 20.0,
     Run: 15.0,
+    RunFrom: 25.0,
 }
 _TIMEOUT_S = 5.0
 

@@ -18,10 +18,12 @@ from handrail.link import codec, keys
 from handrail.link.events import Live
 from handrail.messages import (
     AnswerPrompt,
+    CheckTask,
     ClearStop,
     DaemonStatus,
     Disable,
     DriveStatus,
+    EditPlan,
     Enable,
     GetEngine,
     GetRobot,
@@ -29,8 +31,10 @@ from handrail.messages import (
     JointTrajectory,
     MakePlan,
     PlaceInstance,
+    PlanMotion,
     Pose,
     Prompt,
+    RankChoices,
     RobotState,
     RunState,
     StartAction,
@@ -450,6 +454,13 @@ def _eventually(act, within_s=5.0):
             if time.monotonic() > deadline:
                 raise
             threading.Event().wait(0.02)
+
+
+@pytest.mark.parametrize(
+    "kind", [MakePlan, PlanMotion, EditPlan, RankChoices, CheckTask], ids=lambda kind: kind.__name__
+)
+def test_what_computes_has_longer_to_answer_than_what_only_looks(kind):
+    assert codec.timeout_s(kind) >= 60.0 > codec.timeout_s(GetEngine)
 
 
 def test_stop_has_the_shortest_time_to_answer():

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zmq
 
 from handrail.client import Client, connect
-from handrail.link import keys
+from handrail.link import codec, keys
 from handrail.link.gate import Gate
 from handrail.messages import (
     DaemonCall,
@@ -77,6 +78,24 @@ def place(call: PlaceInstance) -> InstanceState:
     )
 
 
+class HeardPublisher(Publisher):
+    """A publisher that knows who listens: what is sent before a subscription has arrived nobody gets."""
+
+    def __init__(self, endpoint: str):
+        self._socket = zmq.Context.instance().socket(zmq.XPUB)
+        self._socket.setsockopt(zmq.XPUB_VERBOSER, 1)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.SNDHWM, 2000)
+        self._socket.bind(endpoint)
+
+    def wait_for_gate(self, timeout_s: float = 30.0) -> None:
+        """Until a gate that has just been started has subscribed to everything that it passes on."""
+        left = len(codec.REMOTE_EVENTS)
+        while left:
+            assert self._socket.poll(round(timeout_s * 1000)), f"{left} subscriptions have not come"
+            left -= self._socket.recv().startswith(b"\x01")
+
+
 class FakeService:
     """A daemon or engine that keeps what it is asked and answers what it is told to; publishes on demand."""
 
@@ -84,7 +103,7 @@ class FakeService:
         self.asked: list[Any] = []
         self.answers: dict[type, Callable[[Any], Any]] = {}
         self._service = Service(runtime.endpoint(f"{name}.call"), kinds, self._handle)
-        self._publisher = Publisher(runtime.endpoint(f"{name}.events"))
+        self.publisher = HeardPublisher(runtime.endpoint(f"{name}.events"))
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -102,14 +121,14 @@ class FakeService:
 
     def publish(self, message: Any) -> None:
         with self._lock:
-            self._publisher.send(message)
+            self.publisher.send(message)
 
     def close(self) -> None:
         if not self._stop.is_set():
             self._stop.set()
             self._thread.join()
             self._service.close()
-            self._publisher.close()
+            self.publisher.close()
 
 
 class RunningGate:
@@ -167,12 +186,18 @@ class Stand:
         service.answers[MakePlan] = infeasible
         return service
 
-    def sensors(self) -> Publisher:
+    def sensors(self) -> HeardPublisher:
         """What a camera's process publishes on."""
-        return self._keep(Publisher(self.runtime.endpoint("sensors.events")))
+        return self._keep(HeardPublisher(self.runtime.endpoint("sensors.events")))
 
     def gate(self) -> RunningGate:
-        return self._keep(RunningGate(self.runtime, self.keys, self.port))
+        """A gate that hears what all that were started before it publish from now on."""
+        gate = self._keep(RunningGate(self.runtime, self.keys, self.port))
+        for each in self._open:
+            publisher = each.publisher if isinstance(each, FakeService) else each
+            if isinstance(publisher, HeardPublisher):
+                publisher.wait_for_gate()
+        return gate
 
     def client(self, folder: Path | None = None, timeout_s: float = 30.0) -> Client:
         return self._keep(connect(self.address, folder or self.keys, timeout_s=timeout_s))

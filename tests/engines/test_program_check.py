@@ -60,30 +60,22 @@ def test_the_hash_differs_when_the_content_differs_and_only_then(write):
     assert program.read(write(GOOD.replace("default: 90", "default: 91"))).hash != first
 
 
+DONE = "{event: done.invoke.planning, target: moving,"
+COND = "turned_deg < goal_deg"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "line", "field", "expectation"),
     [
         (
-            "{event: done.invoke.planning, target: moving,",
+            DONE,
             "{event: done.invoke.planning, after: 3, target: moving,",
             15,
             "transitions[0].after",
             "expected one of the two",
         ),
-        (
-            "{event: done.invoke.planning, target: moving,",
-            "{after: 0, target: moving,",
-            15,
-            "transitions[0].after",
-            "above 0",
-        ),
-        (
-            "{event: done.invoke.planning, target: moving,",
-            "{after: plan, target: moving,",
-            15,
-            "transitions[0].after",
-            "a time in s",
-        ),
+        (DONE, "{after: 0, target: moving,", 15, "transitions[0].after", "above 0"),
+        (DONE, "{after: plan, target: moving,", 15, "transitions[0].after", "a time in s"),
         ("  good: {final: true,", "  good: {retry: 1, final: true,", 24, "states.good.retry", "something to `do`"),
         ('  plan: ""', '  retries_of_plan: ""', 8, "variables.retries_of_plan", "expected another name"),
         ("do: plan\n", "do: plam\n", 12, "states.planning.do", "expected one of plan, execute, prompt, retreat"),
@@ -103,22 +95,10 @@ def test_the_hash_differs_when_the_content_differs_and_only_then(write):
         ("arm: arm}\n    tr", "arm: arm, speed: 2}\n    tr", 13, "with.speed", "expected one of instance"),
         ("arm: arm}\n    tr", "arm: arm, arc: [1]}\n    tr", 13, "with.arc", "expected a number in rad"),
         ("arm: arm}\n    tr", "arm: arm, arc: plan}\n    tr", 13, "with.arc", "expected a number in rad"),
-        ("turned_deg < goal_deg", "turned_deg <", 21, "transitions[0].cond", "is not an expression that is allowed"),
-        (
-            "turned_deg < goal_deg",
-            "open('x').read()",
-            21,
-            "transitions[0].cond",
-            "is not an expression that is allowed",
-        ),
-        (
-            "turned_deg < goal_deg",
-            "().__class__ == 1",
-            21,
-            "transitions[0].cond",
-            "is not an expression that is allowed",
-        ),
-        ("turned_deg < goal_deg", "turned < goal_deg", 21, "transitions[0].cond", "unknown name 'turned'"),
+        (COND, "turned_deg <", 21, "transitions[0].cond", "is not an expression that is allowed"),
+        (COND, "open('x').read()", 21, "transitions[0].cond", "is not an expression that is allowed"),
+        (COND, "().__class__ == 1", 21, "transitions[0].cond", "is not an expression that is allowed"),
+        (COND, "turned < goal_deg", 21, "transitions[0].cond", "unknown name 'turned'"),
         ("_event.data.plan", "_event.data.plans", 15, "transitions[0].set.plan", "has no 'plans'"),
         ("set: {plan:", "set: {plam:", 15, "transitions[0].set.plam", "expected one of plan, turned_deg"),
         (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import xml.etree.ElementTree as ET
 
 import jsonschema
@@ -43,7 +42,6 @@ def texts(svg):
     return {"".join(node.itertext()).strip() for node in ET.parse(svg).iter("{http://www.w3.org/2000/svg}text")}
 
 
-@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 def test_a_picture_names_every_state_guard_and_end(nested, tmp_path):
     done = runner.invoke(app, ["show", str(nested), str(tmp_path / "p.svg")])
     assert done.exit_code == 0, done.output
@@ -51,7 +49,6 @@ def test_a_picture_names_every_state_guard_and_end(nested, tmp_path):
     assert {"outer", "left", "right", "a", "b", "c", "d", "good", "H*", "[n < 3]", "sets n", "Both <at> once"} <= shown
 
 
-@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 @pytest.mark.parametrize("name", sorted(library.files()))
 def test_every_program_of_the_library_can_be_drawn(name, tmp_path):
     assert runner.invoke(app, ["show", name, str(tmp_path / "p.svg")]).exit_code == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from types import SimpleNamespace
 
 import msgspec
@@ -145,19 +144,36 @@ def test_the_engine_checks_in_while_it_lives(stack, daemon, wait_until):
     wait_until(lambda: any(isinstance(call, m.CheckIn) and call.owner == "engine" for call in daemon.calls))
 
 
-def test_what_was_moved_during_a_pause_is_not_started_afterwards(stack, daemon, wait_until):
+def test_what_was_moved_during_a_pause_is_not_started_afterwards(stack, daemon):
     stack.place()
     stack.run(goal_deg=10)
     first = stack.prompt()
     stack.call(m.PauseRun())
     stack.call(m.AnswerPrompt(id=first.id, answer="approve"))
-    stack.wait(lambda e: isinstance(e, m.RunState) and e.active[-1:] == ["stroking"])
-    wait_until(lambda: stack.engine._run._chart.active() == ["turning", "stroking"])
-    time.sleep(0.1)  # its activity has found the plan fresh by now, and waits for the pause to end
+    stack.wait(lambda e: isinstance(e, m.RunState) and e.waiting == ["stroking"])
     stack.call(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
     stack.call(m.ResumeRun())
     assert stack.prompt(2).plan == "plan-2"
     assert not daemon.started()
+
+
+def test_a_motion_that_waits_for_the_end_of_a_pause_is_asked_about_again_before_it_starts():
+    daemon, reasons, outdated = Mute(), [], []
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
+
+    def run():
+        with pytest.raises(MotionFailed) as failed:
+            motion.run(trajectory, (), threading.Event(), still=lambda: " ".join(outdated))
+        reasons.append(failed.value.reason)
+
+    motion.pause()
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    outdated.append("wheel_1 was moved")
+    motion.resume()
+    thread.join(30)
+    assert reasons == ["stale"] and not daemon.calls
 
 
 def test_a_motion_whose_instance_was_moved_during_a_pause_is_not_resumed(stack, daemon, wait_until):
@@ -171,14 +187,16 @@ def test_a_motion_whose_instance_was_moved_during_a_pause_is_not_resumed(stack, 
     assert len(daemon.started()) == 1
 
 
-def test_a_stopped_run_has_ended_only_when_its_motion_has(stack, daemon, wait_until):
+def test_a_stopped_run_has_ended_only_when_its_motion_has(stack, daemon, wait_until, monkeypatch):
+    settling, settled = threading.Event(), Motion.settled
+    monkeypatch.setattr(Motion, "settled", lambda motion, _: settling.set() or settled(motion, 60))
     begin(stack, daemon, wait_until)
     action = daemon.action
     daemon._ended, ended = lambda outcome, share: None, daemon._ended
     stack.call(m.StopRun())
     wait_until(lambda: any(isinstance(call, m.CancelAction) for call in daemon.calls))
     deployed = stack.call(m.Deploy(program="turn_valve", bindings={"arm": "left", "valve": "wheel_1"}))
-    time.sleep(0.3)
+    assert settling.wait(30)
     assert daemon.action is action and stack.call(m.GetEngine()).run.status == "running"
     assert "busy" in stack.refusal(m.Run(deployment=deployed.id)).message
     for call in (m.PauseRun(), m.ResumeRun()):
@@ -285,13 +303,12 @@ class Mute:
         return next(call.id for call in self.calls if isinstance(call, m.StartAction))
 
 
-def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_again():
+def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_again(wait_until):
     daemon, cancelled = Mute(), threading.Event()
     motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
     threading.Thread(target=motion.run, args=(trajectory, (), cancelled), daemon=True).start()
-    while not motion._action:
-        time.sleep(0.005)
+    wait_until(lambda: motion._action)
     daemon.answers = False
     with pytest.raises(Unreachable):
         motion.pause()
@@ -300,10 +317,7 @@ def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_agai
     with pytest.raises(Unreachable):
         motion.interrupt()
     assert not motion.settled(0.05)
-    deadline = time.monotonic() + 30
-    while sum(isinstance(call, m.CancelAction) for call in daemon.calls) < 2:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: sum(isinstance(call, m.CancelAction) for call in daemon.calls) > 1)
 
 
 def test_a_loop_that_was_started_anew_is_believed_though_it_counts_its_cycles_from_the_start(runtime, wait_until):
@@ -318,7 +332,6 @@ def test_a_loop_that_was_started_anew_is_believed_though_it_counts_its_cycles_fr
     def hears(message, command):
         def heard():
             publisher.send(message)
-            time.sleep(0.005)
             return client.command() is not None and np.array_equal(client.command(), [command])
 
         wait_until(heard)
@@ -384,7 +397,9 @@ def test_a_motion_of_which_the_daemon_does_not_tell_whether_it_began_is_cancelle
     assert failed.value.started, "nobody knows that it has not"
 
 
-def test_an_activity_that_comes_to_a_breakpoint_as_its_run_ends_does_not_wake_it(stack, monkeypatch):
+@pytest.fixture
+def arriving(stack, monkeypatch):
+    """A run whose first activity has come to a breakpoint and not told so yet; call it to have that happen."""
     stack.place()
     arrived, let = threading.Event(), threading.Event()
     waits = ProgramRun._waits
@@ -398,11 +413,16 @@ def test_an_activity_that_comes_to_a_breakpoint_as_its_run_ends_does_not_wake_it
     stack.call(m.SetBreakpoints(states=["planning"]))
     stack.run()
     assert arrived.wait(30)
+    yield let.set
+    let.set()
+
+
+def test_an_activity_that_comes_to_a_breakpoint_as_its_run_ends_does_not_wake_it(stack, arriving):
     stack.wait(lambda e: isinstance(e, m.RunState) and e.active == ["planning"])
     stack.call(m.TakeTransition(state="planning", way=1))
     assert stack.ended().waiting == []
     told = stack.call(m.GetEngine()).run
-    let.set()
+    arriving()
     stack.engine._run._chart.gate.wake()
     for thread in threading.enumerate():
         if "statemachine" in str(getattr(thread, "_target", "")) or thread.name.endswith("(_run_sync_handler)"):
@@ -410,22 +430,9 @@ def test_an_activity_that_comes_to_a_breakpoint_as_its_run_ends_does_not_wake_it
     assert stack.call(m.GetEngine()).run == told and told.status == "failed"
 
 
-def test_who_has_paused_and_gone_on_as_a_breakpoint_was_reached_is_not_paused_by_it(stack, monkeypatch):
-    stack.place()
-    arrived, let = threading.Event(), threading.Event()
-    waits = ProgramRun._waits
-
-    def late(run, why):
-        arrived.set()
-        assert let.wait(30)
-        waits(run, why)
-
-    monkeypatch.setattr(ProgramRun, "_waits", late)
-    stack.call(m.SetBreakpoints(states=["planning"]))
-    stack.run()
-    assert arrived.wait(30)
+def test_who_has_paused_and_gone_on_as_a_breakpoint_was_reached_is_not_paused_by_it(stack, arriving):
     stack.call(m.PauseRun())
     stack.call(m.ResumeRun())
-    let.set()
+    arriving()
     stack.prompt()
     assert stack.call(m.GetEngine()).run.status == "running"

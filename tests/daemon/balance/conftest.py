@@ -38,6 +38,13 @@ class Standing(WholeBodyBench):
         """(feet, 3) m, where the feet's links are in the world."""
         return np.array([self.world.robot.link_motion(foot)[1] for foot in self._feet])
 
+    def com(self) -> np.ndarray:
+        """(3,) m, the centre of mass in the world, of the plant's own bodies."""
+        body = self.world.robot
+        links = range(BASE, p.getNumJoints(body.number, physicsClientId=body.client))
+        masses = [p.getDynamicsInfo(body.number, link, physicsClientId=body.client)[0] for link in links]
+        return np.average([body.link_motion(link)[0] for link in links], axis=0, weights=masses)
+
     def base_off(self) -> float:
         """m between the estimated base and the real one."""
         true = self.world.truth().base_in_world.position

@@ -33,8 +33,7 @@ def test_talos_stands_on_its_estimate_comes_upright_and_takes_a_push_with_feet_t
     assert slipped < 0.001
     assert bench.tilt() < np.radians(0.5)
     assert np.linalg.norm(np.subtract(bench.world.truth().base_in_world.position, before)) < 0.005, "and is back"
-    model = bench.control._model
-    assert model.com[:2] == pytest.approx(bench.soles()[:, :2].mean(axis=0), abs=0.01)
+    assert bench.com()[:2] == pytest.approx(bench.soles()[:, :2].mean(axis=0), abs=0.01)
 
 
 def test_let_down_and_held_it_stands_and_pushed_too_hard_it_falls_damped_and_stops_once_it_lies(standing) -> None:

@@ -31,6 +31,7 @@ from engines.planning.plan import Plan
 from engines.planning.scene import Scene
 from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
 from engines.planning.timing.timing import Limits
+from engines.planning.waiting import never, quiet
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
@@ -136,7 +137,7 @@ class MotionPlanner:
         """
         start = self.configuration("position", position)
         with self._lock:
-            return MotionSearch(self, motion, start, cancelled or _never, progress or _quiet).plan()
+            return MotionSearch(self, motion, start, cancelled or never, progress or quiet).plan()
 
     @cached_property
     def _eyes(self) -> Eyes:
@@ -187,11 +188,3 @@ class MotionPlanner:
     def torque_limit(self, joints: tuple[str, ...]) -> Array:
         """(m,) N·m"""
         return np.asarray(self._description.torque_limit[self._description.index(joints)])
-
-
-def _never() -> bool:
-    return False
-
-
-def _quiet(_: str) -> None:
-    pass

@@ -23,9 +23,10 @@ from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Answer
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, limit_margins, torque_shares
 from engines.planning.motion import Motion
-from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
+from engines.planning.plan import Infeasible, Plan, Segment
 from engines.planning.timing.timing import Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN
+from engines.planning.waiting import go_on
 from engines.runs.retrace import hermite
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ class MotionSearch:
         here, rows = self._start, [self._start[self._rows]]
         step = constraints.JOINT_STEP
         for share, goals in follow.goals(self._frame(here, follow.frame)):
-            self._check()
+            go_on(self._cancelled)
             where = f"{100 * share:.0f} % of the way along {follow.asked.joint}"
             answer = self._planner.solver.solve(
                 [*goals, *self._motion.keep, *self._always], here, start=here, moving=self._motion.moving, starts=1
@@ -182,7 +183,7 @@ class MotionSearch:
         generator = np.random.default_rng(0)
         seeds = [self._planner.configuration("seed", seed) for seed in self._motion.seeds]
         for number in range(_POSTURES + len(seeds)):
-            self._check()
+            go_on(self._cancelled)
             start = seeds[number] if number < len(seeds) else None
             if number > len(seeds):
                 drawn = generator.uniform(np.maximum(self._lower, -np.pi), np.minimum(self._upper, np.pi))
@@ -240,7 +241,7 @@ class MotionSearch:
         torque = self._planner.torque_limit(motion.moving)
         segments = []
         for way, share, goals, where in zip(ways, lengths / lengths.sum(), reached, names, strict=True):
-            self._check()
+            go_on(self._cancelled)
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
             measures = (*self._kept(knots, limits, torque), *self._met(goals, knots))
@@ -280,7 +281,7 @@ class MotionSearch:
         motion = cubics(knots.times, self._whole(knots.positions), rates)
         floors = np.full(len(self._scene.world.pairs), self._motion.clearance - LENGTH)
         meeting = self._connector.sweep.meeting(motion, floors, self._cancelled)
-        self._check()
+        go_on(self._cancelled)
         if meeting is not None:
             words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {self._motion.clearance:g} allowed"
             raise Infeasible("clearance", max(self._motion.clearance - meeting.distance, 0.0), "m", where, words)
@@ -293,7 +294,7 @@ class MotionSearch:
         rates = np.gradient(knots.velocities, knots.times, axis=0)
         needed = limits.torque.whole(knots.positions, knots.velocities, rates)
         return (
-            clearances(self._scene.sweep, times, self._whole(way), self._check),
+            clearances(self._scene.sweep, times, self._whole(way), self._cancelled),
             limit_margins(joints, times, way, self._lower, self._upper),
             torque_shares(joints, knots.times, needed, torque),
         )
@@ -341,10 +342,6 @@ class MotionSearch:
             first += best
             passed.append(float(segment.times[first]))
         return tuple(passed)
-
-    def _check(self) -> None:
-        if self._cancelled():
-            raise Cancelled("planning was cancelled")
 
 
 def _told(constraint: Constraint) -> tuple[str, ...]:

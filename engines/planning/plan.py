@@ -36,10 +36,6 @@ class Infeasible(Exception):
         super().__init__(f"{place}{constraint} {f'{detail}, ' if detail else ''}missed by {by:.3g} {unit}")
 
 
-class Cancelled(Exception):
-    """Planning was told to stop."""
-
-
 @dataclass(frozen=True)
 class Segment:
     """One stretch of a plan, executed as one action. It begins and ends at rest."""

@@ -22,8 +22,9 @@ from engines.planning.collision.world import World
 from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
 from engines.planning.timing.timing import Limits
+from engines.planning.waiting import go_on, never
 
 Array = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]
@@ -131,7 +132,7 @@ class Verifier:
         :param cancelled: asked often; Cancelled is raised soon after it says True
         :raises ValueError: joints that the mechanism does not have, arrays of wrong shapes
         """
-        going = cancelled or _never
+        going = cancelled or never
         at = self._mechanism.check_configuration("at", at)
         rows = [self._mechanism.row(joint) for joint in plan.joints]
         found = list(self._joined(plan))
@@ -212,7 +213,7 @@ class Verifier:
         world, scratch = self._world, self._scratch
         self._broad.only(floors > -np.inf)
         for time, configuration in zip(times.tolist(), q, strict=True):
-            _go_on(cancelled)
+            go_on(cancelled)
             if not self._broad.met(configuration):
                 continue
             pin.computeDistances(self._model, self._data, world.geometry, scratch, configuration)
@@ -246,20 +247,11 @@ class Verifier:
         for time, configuration in zip(times.tolist(), q, strict=True):
             now = [c for c in constraints if c.window[0] - 1e-9 <= begin + time <= c.window[1] + 1e-9]
             if now:
-                _go_on(cancelled)
+                go_on(cancelled)
             for constraint in now:
                 loose = BETWEEN if constraint.window[1] > constraint.window[0] else 1.0
                 for measure in self._checker.measures([constraint], configuration):
                     yield time, measure, loose * (ANGLE if measure.unit == "rad" else LENGTH)
-
-
-def _never() -> bool:
-    return False
-
-
-def _go_on(cancelled: Callable[[], bool]) -> None:
-    if cancelled():
-        raise Cancelled("planning was cancelled")
 
 
 def _looks(segment: Stretch) -> _Looks:

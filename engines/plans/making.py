@@ -13,7 +13,8 @@ import numpy as np
 
 from affordance_templates.instance import Instance
 from engines.activities.base import ActivityFailed, Services
-from engines.planning.plan import Cancelled, Infeasible, Plan
+from engines.planning.plan import Infeasible, Plan
+from engines.planning.waiting import Cancelled
 from engines.plans.freshness import Origin, World
 from engines.plans.store import PlanRecord
 from handrail.messages import Choice, Choices, EditPlan, KeyFrame, PlanMotion, PlanPreview, RankChoices

@@ -21,8 +21,9 @@ from daemon.serving.leases import Leases
 from engines.engine import Engine
 from engines.planning.collision.seen import Camera, Seen
 from engines.planning.measures import CLEARANCE, Measure
-from engines.planning.plan import Cancelled, Infeasible, Plan, Segment
+from engines.planning.plan import Infeasible, Plan, Segment
 from engines.planning.strokes.behaviour import Choice
+from engines.planning.waiting import Cancelled
 from handrail import messages as m
 from handrail.runtime import Runtime
 from handrail.topics import Caller, Publisher, RefusedError, Service, Subscriber, refuse

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engines.planning import constraints
-from engines.planning.plan import Cancelled
+from engines.planning.waiting import Cancelled
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from engines.planning.collision.obstacles import Obstacle, obstacles_of
 from engines.planning.collision.sweep import TOLERANCE, Sweep, cubics, lines
 from engines.planning.collision.world import World
 from engines.planning.ik.mechanism import Mechanism
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
+from engines.planning.waiting import Cancelled
 
 MARGINS = Margins(itself=0.01, objects=0.02)
 

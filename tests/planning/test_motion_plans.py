@@ -17,11 +17,12 @@ from engines.planning.ik.checker import ANGLE, LENGTH
 from engines.planning.ik.report import Measure as Missed
 from engines.planning.measures import TORQUE_SHARE
 from engines.planning.motion_planner import MotionPlanner
-from engines.planning.plan import Cancelled, Infeasible, Plan
+from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
 from engines.planning.strokes.manipulation import VELOCITY_SHARE
 from engines.planning.timing.timing import Knots, Limits, peak_velocities
 from engines.planning.verifier import Verifier, Violation
+from engines.planning.waiting import Cancelled
 from handrail.messages import (
     Along,
     FrameGoal,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
+from engines.planning.waiting import Cancelled
 from handrail.messages import PlanPreview
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from engines.planning.collision.sweep import Sweep
 from engines.planning.measures import CLEARANCE, Measure
+from engines.planning.waiting import go_on
 
 Array = NDArray[np.float64]
 
@@ -26,15 +27,15 @@ def looks(times: Array, positions: Array) -> Array:
     return np.asarray(at)
 
 
-def clearances(sweep: Sweep, times: Array, q: Array, going: Callable[[], None]) -> Measure:
+def clearances(sweep: Sweep, times: Array, q: Array, cancelled: Callable[[], bool]) -> Measure:
     """The smallest distances at every _TOLD-th of (k, nq), up to NEAR, and at all about the least.
 
-    `times` (k,) s; `going` is called before each look and may raise.
+    `times` (k,) s; `cancelled` is asked before each look. Raises Cancelled.
     """
     told: dict[int, tuple[float, str]] = {}
 
     def look(number: int) -> None:
-        going()
+        go_on(cancelled)
         nearest = sweep.nearest(q[number], within=NEAR)
         told[number] = nearest.distance, nearest.between
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from engines.planning.collision.margins import Margins
 from engines.planning.collision.sweep import Nearest, Sweep, lines
 from engines.planning.collision.world import World
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
+from engines.planning.waiting import go_on, never, quiet
 
 Array = NDArray[np.float64]
 
@@ -48,18 +49,10 @@ class Budget:
     """that are tried on what was found"""
 
 
-def _quiet(_: str) -> None:
-    pass
-
-
-def _never() -> bool:
-    return False
-
-
 def connect(
     start: Array, goal: Array, world: World, *, margins: Margins | None = None, touching: tuple[tuple[str, str], ...] = (),
-    budget: Budget | None = None, seed: int = 0, progress: Callable[[str], None] = _quiet,
-    cancelled: Callable[[], bool] = _never,
+    budget: Budget | None = None, seed: int = 0, progress: Callable[[str], None] = quiet,
+    cancelled: Callable[[], bool] = never,
 ) -> Array:  # fmt: skip
     """(k, nq) a clear way close together, its corners rounded: straight lines between rows keep the margins for certain.
 
@@ -84,7 +77,7 @@ class Connector:
 
     def __init__(
         self, world: World, *, margins: Margins | None = None, touching: tuple[tuple[str, str], ...] = (),
-        limit_margin: float = 0.0, cancelled: Callable[[], bool] = _never, sweep: Sweep | None = None,
+        limit_margin: float = 0.0, cancelled: Callable[[], bool] = never, sweep: Sweep | None = None,
     ):  # fmt: skip
         """`limit_margin`: rad (m) that ways keep from joint limits, but for their ends; `sweep`: of the world, if there is one
         already; others as `connect`.
@@ -102,7 +95,7 @@ class Connector:
 
     def way(
         self, start: Array, goal: Array, *, budget: Budget | None = None, seed: int = 0,
-        progress: Callable[[str], None] = _quiet,
+        progress: Callable[[str], None] = quiet,
     ) -> Array:  # fmt: skip
         """As `connect`."""
         budget, mechanism = budget or Budget(), self.world.mechanism
@@ -146,15 +139,11 @@ class Connector:
             words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {floor:g} allowed"
             raise Infeasible("clearance", float(floor - meeting.distance), "m", name, words)
 
-    def _check(self) -> None:
-        if self._cancelled():
-            raise Cancelled("planning was cancelled")
-
     def _meeting(self, rows: Array, *, roomy: bool = False) -> Nearest | None:
         """Where straight lines through rows come too near."""
-        self._check()
+        go_on(self._cancelled)
         meeting = self.sweep.meeting(lines(rows), self._roomy if roomy else self.floors, self._cancelled)
-        self._check()
+        go_on(self._cancelled)
         return meeting
 
     # --------------------------------------------------------------------------------------------------------------- trees

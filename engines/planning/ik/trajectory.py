@@ -24,7 +24,8 @@ from engines.planning.ik.solver import Solver
 from engines.planning.ik.spline import Spline
 from engines.planning.ik.sqp import INEQUALITY, Program, Settings, descend
 from engines.planning.ik.table import table_of
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
+from engines.planning.waiting import go_on, never
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -94,7 +95,7 @@ class TrajectorySolver:
         self, constraints: Sequence[Constraint], start: Array, times: Sequence[float], *, nominal: Array | None = None,
         moving: Sequence[str] | None = None, base_moves: bool = True, weights: Mapping[str, float] | None = None,
         velocity: float = 0.05, acceleration: float = 0.01, between: float = 20.0, most_knots: int = 20, starts: int = 3,
-        seed: int = 0, cancelled: Callable[[], bool] | None = None,
+        seed: int = 0, cancelled: Callable[[], bool] = never,
     ) -> Trajectory:  # fmt: skip
         """The smoothest way from `start` (nq,) that keeps all constraints; if none was found, the one that misses least.
 
@@ -126,8 +127,7 @@ class TrajectorySolver:
         for number in range(starts):
             refined, begin = knots, self._begin(constraints, start, knots, number, seed, moving, base_moves)
             while True:
-                if cancelled is not None and cancelled():
-                    raise Cancelled("planning was cancelled")
+                go_on(cancelled)
                 problem = TrajectoryProblem(solver, constraints, start, refined, nominal, cost, columns, weighting)
                 ending = descend(problem, begin, self._settings)
                 iterations += ending.iterations

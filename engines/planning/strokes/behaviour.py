@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from engines.planning import constraints
 from engines.planning.constraints import Constraint
-from engines.planning.plan import Cancelled
 from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.branch import Branch, BranchSearch, Probes, expected_force
 from engines.planning.strokes.tip_solver import TipSolver
 from engines.planning.strokes.visit import Visit
+from engines.planning.waiting import go_on
 
 Array = NDArray[np.float64]
 Kept = NDArray[np.bool_]
@@ -69,15 +69,11 @@ class BehaviourSearch:
                 found[branch.arc] = choice
         return sorted(found.values(), key=lambda choice: (-choice.share, choice.cost))
 
-    def _check(self) -> None:
-        if self._cancelled():
-            raise Cancelled("planning was cancelled")
-
     def _branches(self, arcs: Array, starts: Array) -> Iterator[Branch]:
         for arc in arcs:
             known: list[Array] = []
             for start in starts:
-                self._check()
+                go_on(self._cancelled)
                 branch = self._search.middle(float(arc), start)
                 if all(np.abs(branch.contact - other).max() > _APART for other in known):
                     known.append(branch.contact)
@@ -88,7 +84,7 @@ class BehaviourSearch:
 
     def _reached(self, branch: Branch) -> tuple[Probes, Kept]:
         """The tool's goals, and which of them (k,) are met within limits, by a strong enough arm, without a jump."""
-        self._check()
+        go_on(self._cancelled)
         probes = self._search.probes(branch)
         measures = {
             constraints.REACH: probes.residual,
@@ -100,7 +96,7 @@ class BehaviourSearch:
 
     def _choice(self, probes: Probes, kept: Kept, branch: Branch, *, judged: bool) -> Choice:
         """With what costs more to measure: torque, and who is near."""
-        self._check()
+        go_on(self._cancelled)
         missed: list[tuple[int, str]] = [(int((~kept).sum()), _words(probes, kept))]
         if judged and kept.any():
             rows = np.flatnonzero(kept)

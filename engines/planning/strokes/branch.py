@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from affordance_templates.template import ResolvedWaypoint
 from engines.planning import constraints
 from engines.planning.constraints import Constraint
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
 from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.tip_solver import Reach, TipSolver
 from engines.planning.strokes.visit import TipPath, Visit
+from engines.planning.waiting import go_on
 
 Array = NDArray[np.float64]
 
@@ -93,13 +94,9 @@ class BranchSearch:
                 found.append(branch)
         return sorted(found, key=lambda branch: -branch.merit)
 
-    def _check(self) -> None:
-        if self._cancelled():
-            raise Cancelled("planning was cancelled")
-
     def middle(self, arc: float, start: Array) -> Branch:
         """The branch judged by its posture at the arc's centre alone: no worse than the whole of it."""
-        self._check()
+        go_on(self._cancelled)
         reach = self._solver.solve(start, *self._visit.tip(self._visit.contact, arc), start)
         measures = self._reach_measures(reach)
         where = f"at {self._visit.contact.name}"
@@ -116,7 +113,7 @@ class BranchSearch:
 
     def _whole(self, middle: Branch, best: float) -> Branch | None:
         """The branch judged over its whole arc and all depths; None as soon as it can't beat `best`."""
-        self._check()
+        go_on(self._cancelled)
         measures: dict[Constraint, float] = {}
         detail: dict[Constraint, str] = {}
         for part, words in self._measured(middle):

@@ -25,6 +25,7 @@ from engines.planning.strokes.tip_solver import TipSolver, starts
 from engines.planning.strokes.visit import Visit
 from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
+from engines.planning.waiting import never, quiet
 from handrail.messages import EndCondition, PathForce, PoseErrorEnd
 from handrail.robot.description import Arm, RobotDescription
 from handrail.robot.kinematics import Kinematics
@@ -37,14 +38,6 @@ RATE_SHARE = 0.5
 """of the limits of acceleration and jerk: the rest is for changes of speed in mid-motion"""
 _VERIFIED = Margins(MARGINS.itself - 1e-3, MARGINS.objects - 1e-3)
 """of clearance: a path's rows keep a millimetre more than what is between them"""
-
-
-def _never() -> bool:
-    return False
-
-
-def _quiet(_: str) -> None:
-    pass
 
 
 class ManipulationPlanner:
@@ -97,11 +90,11 @@ class ManipulationPlanner:
             scene = CollisionScene(self._mechanism, self._description, side, around, instance.name)
             assessor = Assessor(self._kinematics, side, scene, position)
             stroke = Stroke(
-                visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or _never, progress or _quiet
+                visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or never, progress or quiet
             )
             legs, outputs = stroke.legs(arc, entry_shift)
             plan = self._timed(legs, instance, visit, side, assessor, outputs)
-            self._verify(plan, legs, scene, assessor, position, cancelled or _never)
+            self._verify(plan, legs, scene, assessor, position, cancelled or never)
             return replace(plan, made_from={**plan.made_from, **{other.name: other.version for other in others}})
 
     def rank(
@@ -118,7 +111,7 @@ class ManipulationPlanner:
 
         Cancelled and ValueError as for `plan`.
         """
-        position, never = self._position(position), cancelled or _never
+        position, cancelled = self._position(position), cancelled or never
         found: list[Choice] = []
         with self._lock:
             others = [other for other in others if other.name != instance.name]
@@ -131,7 +124,9 @@ class ManipulationPlanner:
                 postures = starts(near, solver.lower, solver.upper, STARTS)
                 for trajectory in trajectories or instance.resolve().trajectories:
                     visit = Visit(instance, trajectory)
-                    found += BehaviourSearch(visit, solver, assessor, never).choices(visit.arc_centres(ARCS), postures)
+                    found += BehaviourSearch(visit, solver, assessor, cancelled).choices(
+                        visit.arc_centres(ARCS), postures
+                    )
         return ranked(found)
 
     def _verify(

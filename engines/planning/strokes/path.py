@@ -13,11 +13,12 @@ from affordance_templates.template import ResolvedWaypoint
 from engines.planning import constraints
 from engines.planning.collision.bodies import Clearance, nearer
 from engines.planning.constraints import Constraint
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
 from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.branch import Branch, expected_force
 from engines.planning.strokes.tip_solver import Reach, TipSolver
 from engines.planning.strokes.visit import TipPath, Visit
+from engines.planning.waiting import go_on
 
 Array = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ class PathBuilder:
 
     def _free(self, waypoint: ResolvedWaypoint, reach: Reach) -> None:
         """Anyhow to the one posture of `reach`."""
-        self._check()
+        go_on(self._cancelled)
         goal = reach.q[0]
 
         try:
@@ -152,7 +153,7 @@ class PathBuilder:
     def _follow(
         self, name: str, goals: TipPath, duration: float, waypoint: ResolvedWaypoint | None, *, may_touch: bool
     ) -> None:
-        self._check()
+        go_on(self._cancelled)
         reach: Reach = self._solver.track(self.q, goals.positions, goals.axes, self._posture)
         path = reach.q
         path[0] = self.q
@@ -174,7 +175,7 @@ class PathBuilder:
         self, name: str, path: Array, duration: float, waypoint: ResolvedWaypoint | None, reach: Reach, forces: Array,
         *, may_touch: bool,
     ) -> None:  # fmt: skip
-        self._check()
+        go_on(self._cancelled)
         found = self._assessor.clearances(path, tool_may_touch=may_touch)
         distances, between = _distances(found)
         self._refuse({**distances, constraints.LIMIT_MARGIN: self._assessor.limit_margin(path)}, name, between)
@@ -183,10 +184,6 @@ class PathBuilder:
         near = functools.reduce(nearer, found.values())
         self.legs.append(Leg(name, path, duration, waypoint, near, reach, forces, may_touch))
         self.q = path[-1]
-
-    def _check(self) -> None:
-        if self._cancelled():
-            raise Cancelled("planning was cancelled")
 
     @staticmethod
     def _refuse(measures: constraints.Measures, where: str, detail: Mapping[Constraint, str] | None = None) -> None:

@@ -11,7 +11,8 @@ from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Balance, Direction, Pose, Position
 from engines.planning.ik.spline import Spline
 from engines.planning.ik.trajectory import TrajectorySolver
-from engines.planning.plan import Cancelled, Infeasible
+from engines.planning.plan import Infeasible
+from engines.planning.waiting import Cancelled
 
 TIP, HAND = "tool_right_tip", "gripper_right_base_link"
 FOOT = ((0.1, 0.05, 0.0), (0.1, -0.05, 0.0), (-0.1, -0.05, 0.0), (-0.1, 0.05, 0.0))

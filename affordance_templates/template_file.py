@@ -64,11 +64,6 @@ class Template:
         """Names of the degrees of freedom."""
         return tuple(self._joints)
 
-    @property
-    def trajectory_names(self) -> tuple[str, ...]:
-        """Names of what can be done with it."""
-        return tuple(self._trajectories)
-
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
         """Every parameter's value, those given over the defaults. Raises ValueError naming parameter, value and expectation."""
         for name, value in given.items():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.collision.obstacles import placement_of
-from engines.planning.goals import feature_of, message_of
+from engines.planning.goals import AXES, feature_of, message_of
 from engines.planning.ik.constraints import Constraint, Direction, Pose, Position
 from engines.planning.ik.mechanism import Mechanism
 from handrail.messages import Along
@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 
 _ANGLE, _LENGTH = np.deg2rad(4.0), 0.01
 """rad, m of the joint between neighbouring goals"""
-_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class Follow:
         name = f"along {self.asked.joint} ({self.frame})"
         if not self.asked.about:
             return [Pose(frame=self.frame, target=message_of(target), name=name)]
-        axis = _AXES[self.asked.about]
+        axis = AXES[self.asked.about]
         x, y, z = (target.rotation @ np.array(axis)).tolist()
         return [
             Position.at(self.frame, target.translation.tolist(), name=name),

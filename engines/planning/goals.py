@@ -17,7 +17,8 @@ from engines.planning.ik.mechanism import Mechanism
 from handrail.messages import FrameGoal, GazeGoal, Goal, JointsGoal, Pose, PostureGoal, RelationGoal
 from handrail.robot.description import RobotDescription
 
-_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+"""of a frame, by the names that goals have for them"""
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class GoalReader:
         shared = {"frame": frame, "in_frame": goal.in_frame, "name": name}
         position = Position(lower=lower, upper=upper, box=target, **shared)  # type: ignore[arg-type]
         if goal.about:
-            axis = _AXES[goal.about]
+            axis = AXES[goal.about]
             x, y, z = (placement_of(target).rotation @ np.array(axis)).tolist()
             turn = Direction(axis=axis, direction=(x, y, z), cone=goal.angle, **shared)  # type: ignore[arg-type]
             return [position, turn] if bounded else [turn]

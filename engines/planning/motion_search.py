@@ -24,7 +24,7 @@ from engines.planning.ik.report import Answer
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, limit_margins, torque_shares
 from engines.planning.motion import Motion
 from engines.planning.plan import Infeasible, Plan, Segment
-from engines.planning.timing.timing import Knots, Limits, parametrise
+from engines.planning.timing.timing import TIP_SPEED, Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN
 from engines.planning.waiting import go_on
 from engines.runs.retrace import hermite
@@ -43,8 +43,6 @@ _BUDGET = Budget(seconds=10.0, edges=1500)
 """of a way around what is there, for each posture"""
 _SPARE = 5e-4
 """m of clearance that a posture at a goal has beyond what is asked for, so that the way to it may end there"""
-_TIP_SPEED = 0.25
-"""m/s, the tool tip's mean speed at most: people watch"""
 _KNOTS = 4
 """of a spline, between two key frames"""
 _SAMPLES = 40
@@ -317,7 +315,7 @@ class MotionSearch:
         for q in self._whole(way[:: max(1, len(way) // 20)]):
             pin.forwardKinematics(model, data, q)
             places.append(pin.updateFramePlacement(model, data, tip).translation.copy())
-        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / _TIP_SPEED if len(places) > 1 else 0.0
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / TIP_SPEED if len(places) > 1 else 0.0
 
     def _stays(self, follow: Follow, segment: Segment) -> None:
         """Raise Infeasible where the frame leaves the way that the joint leads it on, also between what was solved for."""

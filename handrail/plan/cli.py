@@ -18,7 +18,7 @@ from rich.text import Text
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.link.keys import KeysError
 from handrail.messages import FrameGoal, PlanPreview, Pose, PostureGoal
-from handrail.plan.words import figure_of, value_of, worst_of
+from handrail.plan.words import asked_for, figure_of, value_of, worst_of
 
 app = typer.Typer(help="Look at plans.", no_args_is_help=True, add_completion=False)
 _out = Console()
@@ -287,10 +287,7 @@ def _show(plan: PlanPreview) -> None:
 def _origin(plan: PlanPreview) -> None:
     origin = plan.origin
     assert origin is not None
-    asked = ", ".join(
-        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in origin.asked.items()
-    )
-    lines = [f"asked for: {asked}{f' (run {origin.run})' if origin.run else ''}"]
+    lines = [f"asked for: {asked_for(origin)}{f' (run {origin.run})' if origin.run else ''}"]
     for instance in origin.instances:
         place = ", ".join(f"{value:.3f}" for value in instance.pose_in_world.position)
         sizes = ", ".join(f"{name} {value:g}" for name, value in instance.parameters.items())

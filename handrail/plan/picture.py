@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from handrail.messages import PlanPreview, PlanSeries, PlanWaypoint
-from handrail.plan.words import WORST_COLOUR, figure_of, short, worst_of
+from handrail.plan.words import WORST_COLOUR, asked_for, figure_of, short, worst_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _PAPER: Any = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
 _MOVED = 0.005
 """rad, a joint that moves less is left out"""
-_GOOD, _BAD, _MUTED, _LINE = "#2f9e6e", "#d64545", "#6b7680", "#c9d0d6"
+_MUTED, _LINE = "#6b7680", "#c9d0d6"
 
 
 def draw(plan: PlanPreview, png: Path) -> None:
@@ -48,7 +48,7 @@ def draw(plan: PlanPreview, png: Path) -> None:
     _table(below.subplots(), plan)
     state = "fresh" if plan.fresh else f"stale: {plan.stale_because}"
     title = f"{plan.label}, {plan.arm} arm, {plan.duration:.2f} s   ({plan.id}, {short(state, 110)})"
-    figure.suptitle(title, fontsize=13, color="black" if plan.fresh else _BAD, x=0.01, ha="left")
+    figure.suptitle(title, fontsize=13, color="black" if plan.fresh else WORST_COLOUR, x=0.01, ha="left")
     figure.savefig(png, dpi=110)
 
 
@@ -107,7 +107,7 @@ def _nearest(axes: Axes, plan: PlanPreview, name: str, factor: float, label: str
         shade: Any = {"color": _colour(plan, who, number), "alpha": 0.4, "linewidth": 0}
         axes.fill_between(times, 0.0, values, where=reached.tolist(), label=who, **shade)
     row = int(values.argmin() if name != "torque_share" else values.argmax())
-    axes.plot(times[row], values[row], "o", color=_BAD, markersize=6, zorder=4)
+    axes.plot(times[row], values[row], "o", color=WORST_COLOUR, markersize=6, zorder=4)
     right = times[row] > 0.6 * plan.duration
     axes.annotate(
         figure_of(name, series.values[row]),
@@ -116,7 +116,7 @@ def _nearest(axes: Axes, plan: PlanPreview, name: str, factor: float, label: str
         textcoords="offset points",
         ha="right" if right else "left",
         fontsize=9,
-        color=_BAD,
+        color=WORST_COLOUR,
         fontweight="bold",
         bbox=_PAPER,
         zorder=5,
@@ -166,10 +166,12 @@ def _space(axes: Any, plan: PlanPreview) -> None:
         axes.text(
             place[0], place[1], place[2] + lift, words, fontsize=9, fontweight="bold", color="#1f3a5f", ha="center"
         )
+    from scipy.spatial.transform import Rotation
+
     size = max(0.06, 0.25 * float(np.ptp(way, axis=0).max()))
     for instance in plan.origin.instances if plan.origin else []:
         pose = instance.pose_in_world
-        origin, axis = np.array(pose.position), _rotation(pose.orientation)
+        origin, axis = np.array(pose.position), Rotation.from_quat(pose.orientation).as_matrix()
         for column, colour in zip(axis.T, ("tab:red", "tab:green", "tab:blue"), strict=True):
             axes.plot(*np.column_stack([origin, origin + size * column]), color=colour, linewidth=2)
         axes.text(*origin, f"  {instance.name}", fontsize=9, fontweight="bold")
@@ -197,17 +199,6 @@ def _places(plan: PlanPreview, tool: np.ndarray, times: np.ndarray) -> list[tupl
 
 def _at(series: PlanSeries | None, times: np.ndarray) -> np.ndarray:
     return np.zeros(len(times)) if series is None else np.interp(times, series.times, series.values)
-
-
-def _rotation(orientation: tuple[float, float, float, float]) -> np.ndarray:
-    x, y, z, w = orientation
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _table(axes: Axes, plan: PlanPreview) -> None:
@@ -252,10 +243,7 @@ def _origin(plan: PlanPreview) -> list[str]:
     origin = plan.origin
     if origin is None:
         return []
-    asked = ", ".join(
-        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in origin.asked.items()
-    )
-    lines = [f"asked for: {asked}"]
+    lines = [f"asked for: {asked_for(origin)}"]
     lines += [
         f"{instance.name}: {instance.template} {instance.template_hash[:8]}, version {instance.version}, at "
         f"({', '.join(f'{value:.3f}' for value in instance.pose_in_world.position)}) m"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from handrail.messages import PlanPreview, PlanWaypoint, PlanWorst
+from handrail.messages import PlanOrigin, PlanPreview, PlanWaypoint, PlanWorst
 
 _MET = 1e-4
 """m and rad"""
@@ -42,6 +42,13 @@ def worst_of(plan: PlanPreview, measure: str) -> PlanWaypoint | None:
     least_is_worst = measure in {"clearance", "limit_margin"}
     pick: Callable[..., tuple[float, PlanWaypoint]] = min if least_is_worst else max
     return pick(measured, key=lambda pair: pair[0])[1] if measured else None
+
+
+def asked_for(origin: PlanOrigin) -> str:
+    """What a plan was asked for: 'instance wheel_1, trajectory turn, arc 0.7854'."""
+    return ", ".join(
+        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in origin.asked.items()
+    )
 
 
 def short(text: str, length: int) -> str:

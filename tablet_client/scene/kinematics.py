@@ -100,16 +100,6 @@ class Chain:
         poses = self.poses(positions)[:, frame.body]
         return poses[:, :3, :3] @ frame.pose_in_body[:3, 3] + poses[:, :3, 3]
 
-    def moved_by(self, joints: Sequence[str]) -> NDArray[np.bool_]:
-        """Which bodies (bodies,) move when these joints do."""
-        moving = np.zeros(len(self.bodies), bool)
-        wanted = {self.joints.index(name) for name in joints if name in self.joints}
-        for body, parent in enumerate(self._parents):
-            if parent >= 0:
-                own = self._factors[body] != 0.0 and int(self._columns[body]) in wanted
-                moving[body] = own or moving[parent]
-        return moving
-
 
 def _source(joint: yourdfpy.Joint, columns: dict[str, int]) -> tuple[int, float, float]:
     """Which column moves the joint, its factor and offset; a joint that nobody commands rests at zero."""

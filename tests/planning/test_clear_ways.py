@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from engines.planning.collision.connect import Budget, Connector, connect
+from engines.planning.collision.connect import Budget, Connector
 from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import Obstacle, obstacles_of
-from engines.planning.collision.sweep import TOLERANCE, Sweep, cubics, lines
+from engines.planning.collision.sweep import Sweep, cubics, lines
 from engines.planning.collision.world import World
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.plan import Infeasible
@@ -96,16 +96,6 @@ def test_what_is_said_of_a_motion_is_what_many_samples_show(at_wheel):
     assert 2 <= clear <= 7, "both kinds must have been seen"
 
 
-def test_the_least_distance_along_a_motion_is_found_to_its_tolerance(at_wheel):
-    generator = np.random.default_rng(5)
-    for _ in range(3):
-        ends = np.array([at_wheel.random(generator), at_wheel.random(generator)])
-        least = at_wheel.sweep.least(lines(ends))
-        sampled = at_wheel.along(ends, 80).min()
-        assert sampled >= least.distance - TOLERANCE
-        assert at_wheel.distances(least.q)[least.pair] == pytest.approx(least.distance, abs=1e-6)
-
-
 def test_a_curve_between_knots_is_judged_as_the_curve_that_it_is(at_wheel):
     generator = np.random.default_rng(6)
     times = np.array([0.0, 0.7, 1.5])
@@ -133,13 +123,15 @@ def test_a_plate_thinner_than_any_spacing_is_met(at_plate, swing):
 
 def test_a_way_around_keeps_the_margins_between_its_rows_too(at_plate, swing):
     words = []
-    way = connect(*swing, at_plate.world, margins=MARGINS, progress=words.append)
+    way = Connector(at_plate.world, margins=MARGINS).way(*swing, progress=words.append)
     assert np.array_equal(way[0], swing[0])
     assert np.array_equal(way[-1], swing[1])
     assert (at_plate.along(way, 4) >= at_plate.floors).all()
     assert np.abs(np.diff(way, axis=0)).max() < 0.1
     assert {"straight way", "shortening the way"} <= set(words)
-    assert np.array_equal(way, connect(*swing, at_plate.world, margins=MARGINS)), "the same question, another answer"
+    assert np.array_equal(way, Connector(at_plate.world, margins=MARGINS).way(*swing)), (
+        "the same question, another answer"
+    )
 
 
 def test_a_way_is_given_up_when_asked_to_or_when_the_budget_is_spent(at_plate, swing):
@@ -150,31 +142,31 @@ def test_a_way_is_given_up_when_asked_to_or_when_the_budget_is_spent(at_plate, s
         return len(asked) > 40
 
     with pytest.raises(Cancelled):
-        connect(*swing, at_plate.world, cancelled=cancelled)
+        Connector(at_plate.world, cancelled=cancelled).way(*swing)
     assert len(asked) < 50, "it must end soon after it was told to"
     with pytest.raises(Infeasible, match=r"\(\w+ and plate\) on the straight way") as caught:
-        connect(*swing, at_plate.world, budget=Budget(edges=1))
+        Connector(at_plate.world).way(*swing, budget=Budget(edges=1))
     assert 0.0 < caught.value.by < 0.1
 
 
 def test_an_end_within_something_or_out_of_limits_is_told_by_its_name(at_wheel):
-    floors = MARGINS.floors(at_wheel.world)
+    floors, way = MARGINS.floors(at_wheel.world), Connector(at_wheel.world).way
     generator = np.random.default_rng(7)
     inside = at_wheel.ready.copy()
     while (at_wheel.distances(inside) >= floors).all():
         inside[at_wheel.columns] = generator.uniform(at_wheel.lower, at_wheel.upper)
     with pytest.raises(Infeasible, match=r"^goal: clearance \(.* and .*\) is .* m, at least 0.0[12] allowed"):
-        connect(at_wheel.ready, inside, at_wheel.world)
+        way(at_wheel.ready, inside)
     beyond = at_wheel.ready.copy()
     beyond[at_wheel.columns[2]] = at_wheel.upper[2] + 0.3
     with pytest.raises(Infeasible, match=r"^start: joint limits \(arm_right_1_joint\), missed by 0.3 rad"):
-        connect(beyond, at_wheel.ready, at_wheel.world)
+        way(beyond, at_wheel.ready)
     other = at_wheel.ready.copy()
     other[at_wheel.mechanism.coordinate[at_wheel.mechanism.row("arm_left_2_joint")]] += 0.1
     with pytest.raises(ValueError, match="may not move"):
-        connect(at_wheel.ready, other, at_wheel.world)
+        way(at_wheel.ready, other)
     with pytest.raises(ValueError, match="goal: got nan"):
-        connect(at_wheel.ready, np.full_like(other, np.nan), at_wheel.world)
+        way(at_wheel.ready, np.full_like(other, np.nan))
 
 
 def test_what_may_touch_does_not_block(at_plate, swing):

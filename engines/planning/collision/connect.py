@@ -49,29 +49,6 @@ class Budget:
     """that are tried on what was found"""
 
 
-def connect(
-    start: Array, goal: Array, world: World, *, margins: Margins | None = None, touching: tuple[tuple[str, str], ...] = (),
-    budget: Budget | None = None, seed: int = 0, progress: Callable[[str], None] = quiet,
-    cancelled: Callable[[], bool] = never,
-) -> Array:  # fmt: skip
-    """(k, nq) a clear way close together, its corners rounded: straight lines between rows keep the margins for certain.
-
-    :param start: (nq,) of the world's mechanism; joints that the world does not name as moving stay there
-    :param goal: (nq,); where other joints are elsewhere than at the start, a ValueError
-    :param margins: that are kept; None: the defaults
-    :param touching: pairs of names (wildcards) that may touch, besides those the world allows
-    :param progress: told in a few words what is being done
-    :param cancelled: asked at every edge; Cancelled is raised soon after it says True
-    :raises Infeasible: the start or the goal is out of limits or too near to something (named, with by how much), or no way was
-        found within the budget (named: what the straight way meets)
-    :raises Cancelled: as asked
-    :raises ValueError: not a configuration, or joints that may not move
-    """
-    return Connector(world, margins=margins, touching=touching, cancelled=cancelled).way(
-        start, goal, budget=budget or Budget(), seed=seed, progress=progress
-    )
-
-
 class Connector:
     """Ways in one world, with the memory that measuring takes. Not for several threads at once."""
 
@@ -79,8 +56,13 @@ class Connector:
         self, world: World, *, margins: Margins | None = None, touching: tuple[tuple[str, str], ...] = (),
         limit_margin: float = 0.0, cancelled: Callable[[], bool] = never, sweep: Sweep | None = None,
     ):  # fmt: skip
-        """`limit_margin`: rad (m) that ways keep from joint limits, but for their ends; `sweep`: of the world, if there is one
-        already; others as `connect`.
+        """What ways keep, and with what they are measured.
+
+        :param margins: None: the defaults
+        :param touching: pairs of names (wildcards) that may touch, besides those the world allows
+        :param limit_margin: rad (m) from joint limits, but for the ways' ends
+        :param cancelled: asked at every edge; Cancelled is raised soon after it says True
+        :param sweep: of the world, if there is one already
         """
         mechanism = world.mechanism
         self.world, self.sweep = world, sweep or Sweep(world)
@@ -97,7 +79,16 @@ class Connector:
         self, start: Array, goal: Array, *, budget: Budget | None = None, seed: int = 0,
         progress: Callable[[str], None] = quiet,
     ) -> Array:  # fmt: skip
-        """As `connect`."""
+        """(k, nq) a clear way close together, its corners rounded: straight lines between rows keep the margins for certain.
+
+        :param start: (nq,) of the world's mechanism; joints that the world does not name as moving stay there
+        :param goal: (nq,); where other joints are elsewhere than at the start, a ValueError
+        :param progress: told in a few words what is being done
+        :raises Infeasible: the start or the goal is out of limits or too near to something (named, with by how much), or no way was
+            found within the budget (named: what the straight way meets)
+        :raises Cancelled: as asked
+        :raises ValueError: not a configuration, or joints that may not move
+        """
         budget, mechanism = budget or Budget(), self.world.mechanism
         start, goal = mechanism.check_configuration("start", start), mechanism.check_configuration("goal", goal)
         self._refuse_others(start, goal)

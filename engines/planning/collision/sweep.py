@@ -8,11 +8,9 @@ points: k pieces that follow each other, each a Bézier curve with c points; all
 
 from __future__ import annotations
 
-import heapq
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 import pinocchio as pin
@@ -28,8 +26,6 @@ Chosen = NDArray[np.bool_]
 
 FINEST = 2e-4
 """m: bodies that come so close to what is allowed count as too near, without looking closer"""
-TOLERANCE = 2e-3
-"""m: to what the least distance along a motion is found"""
 
 
 @dataclass(frozen=True)
@@ -140,41 +136,6 @@ class Sweep:
                 waiting = np.array(left, np.int64)
                 queue.extend((half, first + offset, waiting) for half, offset in _halves(part))
         return None
-
-    def least(
-        self, motion: Array, chosen: Chosen | None = None, *, within: float = np.inf, tolerance: float = TOLERANCE
-    ) -> Nearest:
-        """The smallest distance along a motion among the chosen pairs (all): nowhere is it smaller by more than the tolerance.
-
-        What is further away than `within` m is not looked at. Raises ValueError where a base moves.
-        """
-        self._refuse_moving_base(motion)
-        active = self._all if chosen is None else self._all[chosen]
-        best = Nearest(within, "", -1, motion[0, 0])
-        floors, order = np.full(len(self._all), within), count()
-        heap = [(-np.inf, next(order), motion, 0, active)]
-        while heap:
-            lowest, _, part, first, active = heapq.heappop(heap)
-            if lowest >= best.distance - tolerance:
-                break
-            q, excursion, middle = self._refer(part)
-            near = self._near(q, excursion, active, floors)
-            found, travel = self._found[:near].copy(), self._travel[:near].copy()
-            distances = np.full(near, np.inf)
-            for k, bound in self._by_gap(found, travel):
-                if bound >= best.distance:
-                    break
-                distances[k] = distance = self._distance(int(found[k]))
-                if distance < best.distance:
-                    best = Nearest(distance, self.world.between(found[k]), int(found[k]), q, first + middle)
-                    floors[:] = distance
-            bounds = distances - travel
-            left = bounds < best.distance - tolerance
-            if left.any() and travel.any():
-                lowest = float(bounds.min())
-                for half, offset in _halves(part):
-                    heapq.heappush(heap, (lowest, next(order), half, first + offset, found[left]))
-        return best
 
     def _refuse_moving_base(self, motion: Array) -> None:
         other = np.delete(motion, self._rows, axis=2)

@@ -27,7 +27,6 @@ Quaternion = tuple[float, float, float, float]
 WORLD = ""
 _ORIGIN: Vector = (0.0, 0.0, 0.0)
 _ALWAYS = (-math.inf, math.inf)
-_NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

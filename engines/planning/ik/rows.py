@@ -51,7 +51,7 @@ class Rows:
         for mine, its in ((self.lower, table.lower), (self.upper, table.upper), (self.weight, table.weight)):
             mine[: self.fixed] = its
         self.kinds[: self.fixed][table.lower == table.upper] |= EQUALITY
-        self.most, self.count = rows, self.fixed
+        self.most = rows
 
     def at(self, q: Array) -> int:
         """Evaluates everything at a configuration (nq,); how many rows there are."""
@@ -70,5 +70,4 @@ class Rows:
             self._integers[:items], self._numbers[:items], self._relations[:items], w.placement, w.jacobian, w.com,
             w.com_jacobian, mechanism.support, self._slot, w.coordinates, self.value[:rows], self.matrix[:rows],
         )  # fmt: skip
-        self.count = rows
         return rows

@@ -108,7 +108,7 @@ class Solver:
         weights = [_SOFTENED if number in soft else 1.0 for number, _ in table.bodies]
         near = [self._nearness(c, weight) for (_, c), weight in zip(table.bodies, weights, strict=True)]
         if soft:
-            table.weight *= np.array([_SOFTENED if part.owner in soft else 1.0 for part in table.parts])
+            table.weight *= np.array([_SOFTENED if owner in soft else 1.0 for owner in table.owners])
         return Rows(self._workspace, table, near, columns)
 
     def _search(

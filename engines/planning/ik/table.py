@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +24,6 @@ _AXES = np.eye(3)
 _WORLD = (0, np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]))
 
 
-class Part(NamedTuple):
-    """What a row is about: constraint number `owner`, and a unit, m or rad."""
-
-    owner: int
-    unit: str
-
-
 @dataclass
 class Table:
     """Items and rows of all constraints but those between bodies, whose rows come and go (see `nearness`)."""
@@ -46,8 +38,8 @@ class Table:
     """(rows,)"""
     upper: Array
     weight: Array
-    parts: list[Part]
-    """one a row"""
+    owners: list[int]
+    """(rows,) the number of the constraint that each is about"""
     low: Array
     """(nv,) limits of the joints, with margins"""
     high: Array
@@ -57,7 +49,7 @@ class Table:
     @property
     def rows(self) -> int:
         """Rows of all items."""
-        return len(self.parts)
+        return len(self.owners)
 
 
 def table_of(mechanism: Mechanism, constraints: Sequence[Constraint], q: Array) -> Table:
@@ -84,7 +76,7 @@ class _Builder:
         self._lower: list[float] = []
         self._upper: list[float] = []
         self._weight: list[float] = []
-        self._parts: list[Part] = []
+        self._owners: list[int] = []
         self._low, self._high = mechanism.lower.copy(), mechanism.upper.copy()
         self._bodies: list[tuple[int, kinds.Clearance | kinds.BodyDistance]] = []
         self._number = 0
@@ -97,7 +89,7 @@ class _Builder:
         integers = np.array(self._integers, np.int64).reshape(-1, kernels.INTEGERS)
         numbers = np.concatenate(self._numbers) if self._numbers else np.zeros((0, kernels.NUMBERS))
         bounds = (np.array(self._lower), np.array(self._upper), np.array(self._weight))
-        return Table(integers, numbers, relations, *bounds, self._parts, self._low, self._high, self._bodies)
+        return Table(integers, numbers, relations, *bounds, self._owners, self._low, self._high, self._bodies)
 
     def add(self, number: int, constraint: Constraint) -> None:
         self._number = number
@@ -142,7 +134,7 @@ class _Builder:
         vector: Sequence[float] = (), other: Sequence[float] = (),
     ) -> None:  # fmt: skip
         """One item, of as many rows as there are bounds."""
-        self._integers.append((kind, a[0], b[0], len(self._parts)))
+        self._integers.append((kind, a[0], b[0], len(self._owners)))
         numbers = np.zeros((1, kernels.NUMBERS))
         numbers[0, kernels.VECTOR : kernels.VECTOR + len(vector)] = vector
         numbers[0, kernels.OTHER : kernels.OTHER + len(other)] = other
@@ -152,7 +144,7 @@ class _Builder:
         self, kind: int, a: Place, b: Place, lower: list[float], upper: list[float], vectors: Array
     ) -> None:  # fmt: skip
         """An item of one row, about lengths, for each vector (k, 3)."""
-        first = len(self._parts)
+        first = len(self._owners)
         self._integers += [(kind, a[0], b[0], first + k) for k in range(len(vectors))]
         numbers = np.zeros((len(vectors), kernels.NUMBERS))
         numbers[:, kernels.VECTOR : kernels.VECTOR + 3] = vectors
@@ -165,7 +157,7 @@ class _Builder:
         self._lower += lower
         self._upper += upper
         self._weight += [ANGLE_WEIGHT if unit == "rad" else 1.0] * len(lower)
-        self._parts += [Part(self._number, unit)] * len(lower)
+        self._owners += [self._number] * len(lower)
 
     def _on(self, frame: str, rotation: Array | None = None, point: Vector = (0.0, 0.0, 0.0)) -> Place:
         """A frame within a frame, on the joint that carries it."""

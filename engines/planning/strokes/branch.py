@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from affordance_templates.template import ResolvedWaypoint
 from engines.planning import constraints
 from engines.planning.constraints import Constraint
 from engines.planning.plan import Infeasible
 from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.tip_solver import Reach, TipSolver
-from engines.planning.strokes.visit import TipPath, Visit
+from engines.planning.strokes.visit import Visit
 from engines.planning.waiting import go_on
 
 Array = NDArray[np.float64]
@@ -161,7 +160,7 @@ class BranchSearch:
         visit, solver = self._visit, self._solver
         half = max(1, int(np.ceil(visit.span / 2 / _PROBE_SPACING))) if visit.span > 0.0 else 0
         angles = middle.arc + np.linspace(-visit.span / 2, visit.span / 2, 2 * half + 1)
-        goals = _goals(visit, visit.contact, angles)
+        goals = visit.tips(visit.contact, angles)
         up = solver.track(middle.contact, goals.positions[half:], goals.axes[half:], middle.posture)
         down = solver.track(middle.contact, goals.positions[half::-1], goals.axes[half::-1], middle.posture)
         contact = Reach(
@@ -171,11 +170,6 @@ class BranchSearch:
         )
         deeper = []
         for station in visit.stations[1:]:
-            goals = _goals(visit, station, angles)
+            goals = visit.tips(station, angles)
             deeper.append(solver.solve_each(contact.q, goals.positions, goals.axes, middle.posture))
         return contact, deeper, angles
-
-
-def _goals(visit: Visit, waypoint: ResolvedWaypoint, angles: Array) -> TipPath:
-    tips = [visit.tip(waypoint, angle) for angle in angles]
-    return TipPath(np.array([tip[0] for tip in tips]), np.array([tip[1] for tip in tips]))

@@ -18,6 +18,7 @@ from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.branch import Branch, expected_force
 from engines.planning.strokes.tip_solver import Reach, TipSolver
 from engines.planning.strokes.visit import TipPath, Visit
+from engines.planning.timing.timing import TIP_SPEED
 from engines.planning.waiting import go_on
 
 Array = NDArray[np.float64]
@@ -25,8 +26,6 @@ Array = NDArray[np.float64]
 _LINE_SPACING = 0.01
 """m between goals on a line"""
 _ARC_SPACING = np.deg2rad(4.0)
-_FREE_SPEED = 0.25
-"""m/s, the tip's mean speed in a free motion at most: people watch"""
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,7 @@ class PathBuilder:
             raise
         tips = self._solver.tips(path)[0]
         length = float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
-        duration = max(waypoint.duration, length / _FREE_SPEED)
+        duration = max(waypoint.duration, length / TIP_SPEED)
         self._append(waypoint.name, path, duration, waypoint, reach, np.zeros((len(path), 3)), may_touch=False)
 
     def _follow(

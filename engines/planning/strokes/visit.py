@@ -35,14 +35,6 @@ class TipPath:
     def __len__(self) -> int:
         return len(self.positions)
 
-    def __getitem__(self, rows: slice) -> TipPath:
-        return TipPath(self.positions[rows], self.axes[rows])
-
-    @property
-    def length(self) -> float:
-        """m"""
-        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
-
 
 class Visit:
     """Geometry of one trajectory of an instance in the world."""
@@ -196,7 +188,11 @@ class Visit:
     def turned(self, waypoint: ResolvedWaypoint, start: float, end: float, spacing: float) -> TipPath:
         """A waypoint's tip from one angle about the entry's joint to another; poses at most `spacing` rad apart."""
         count = max(2, int(np.ceil(abs(end - start) / spacing)) + 1)
-        tips = [self.tip(waypoint, angle) for angle in np.linspace(start, end, count)]
+        return self.tips(waypoint, np.linspace(start, end, count))
+
+    def tips(self, waypoint: ResolvedWaypoint, angles: Array) -> TipPath:
+        """A waypoint's tip at angles (k,) rad about the entry's joint."""
+        tips = [self.tip(waypoint, float(angle)) for angle in angles]
         return TipPath(np.array([tip[0] for tip in tips]), np.array([tip[1] for tip in tips]))
 
 

@@ -20,7 +20,10 @@ from engines.planning.timing.path_torque import FELT, PathTorque
 
 Array = NDArray[np.float64]
 
+TIP_SPEED = 0.25
+"""m/s, the tool tip's mean speed at most on a way that is free: people watch"""
 _KNOT_SPACING = 0.02
+"""s"""
 _FINE, _MOST = 0.001, 3000
 """s between looks at a profile; of a long one so many in all"""
 _SHORTEST = 0.2

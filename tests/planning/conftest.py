@@ -10,6 +10,7 @@ import pytest
 
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
+from engines.planning.ik.mechanism import Mechanism
 from engines.planning.plan import Plan
 from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import Pose
@@ -65,6 +66,19 @@ def description() -> RobotDescription:
 @pytest.fixture(scope="session")
 def kinematics(description: RobotDescription) -> Kinematics:
     return Kinematics(description)
+
+
+@pytest.fixture(scope="session")
+def mechanism(kinematics: Kinematics) -> Mechanism:
+    """TALOS' upper body on a fixed base."""
+    return Mechanism.of(kinematics)
+
+
+@pytest.fixture(scope="session")
+def ready(mechanism: Mechanism, description: RobotDescription) -> np.ndarray:
+    """(nq,) of the mechanism at home."""
+    home = dict(zip(description.joints, description.home_position("ready"), strict=True))
+    return mechanism.configuration(np.array([home[joint] for joint in mechanism.joints]))
 
 
 @pytest.fixture(scope="session")

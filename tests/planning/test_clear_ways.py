@@ -14,7 +14,6 @@ from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import Obstacle, obstacles_of
 from engines.planning.collision.sweep import Sweep, cubics, lines
 from engines.planning.collision.world import World
-from engines.planning.ik.mechanism import Mechanism
 from engines.planning.plan import Infeasible
 from engines.planning.waiting import Cancelled
 
@@ -24,13 +23,11 @@ MARGINS = Margins(itself=0.01, objects=0.02)
 class Robot:
     """TALOS' upper body with a world about it, its right arm moving."""
 
-    def __init__(self, description, kinematics, obstacles):
-        self.mechanism = Mechanism.of(kinematics)
+    def __init__(self, description, mechanism, ready, obstacles):
+        self.mechanism, self.ready = mechanism, ready
         arm = description.arms["right"].joints
         self.world = World(self.mechanism, obstacles, description.allowed_collision_pairs, moving=arm)
         self.floors = MARGINS.floors(self.world)
-        home = dict(zip(description.joints, description.home_position("ready"), strict=True))
-        self.ready = self.mechanism.configuration(np.array([home[joint] for joint in self.mechanism.joints]))
         rows = [self.mechanism.row(joint) for joint in arm]
         self.columns = self.mechanism.coordinate[rows]
         self.lower, self.upper = self.mechanism.lower[rows], self.mechanism.upper[rows]
@@ -60,16 +57,16 @@ class Robot:
 
 
 @pytest.fixture(scope="module")
-def at_wheel(description, kinematics, wheel_at):
-    return Robot(description, kinematics, obstacles_of(wheel_at(np.array([0.55, -0.35, 0.30]), np.zeros(3))))
+def at_wheel(description, mechanism, ready, wheel_at):
+    return Robot(description, mechanism, ready, obstacles_of(wheel_at(np.array([0.55, -0.35, 0.30]), np.zeros(3))))
 
 
 @pytest.fixture(scope="module")
-def at_plate(description, kinematics):
+def at_plate(description, mechanism, ready):
     """A plate of half a millimetre stands across the tool's way, edge to it."""
     across = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, -0.526), np.array([0.444, -0.258, 0.08]))
     plate = Obstacle("plate", coal.Box(0.06, 0.0005, 0.2), across)
-    return Robot(description, kinematics, [plate])
+    return Robot(description, mechanism, ready, [plate])
 
 
 @pytest.fixture(scope="module")

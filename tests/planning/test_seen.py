@@ -16,7 +16,6 @@ from engines.planning.collision.seen import RESOLUTION, Eyes
 from engines.planning.collision.sweep import Sweep, lines
 from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Clearance, Position
-from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from engines.planning.plan import Infeasible
 from engines.planning.planners import Planners
@@ -26,17 +25,6 @@ from handrail.messages import FrameGoal, PlanMotion, Pose
 
 NOW = 20_000_000_000
 PLACEMENT = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.3, -0.2, 0.1]))
-
-
-@pytest.fixture(scope="module")
-def mechanism(kinematics):
-    return Mechanism.of(kinematics)
-
-
-@pytest.fixture(scope="module")
-def ready(mechanism, description):
-    home = dict(zip(description.joints, description.home_position("ready"), strict=True))
-    return mechanism.configuration(np.array([home[joint] for joint in mechanism.joints]))
 
 
 @pytest.fixture(scope="module")

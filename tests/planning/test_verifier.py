@@ -13,23 +13,11 @@ from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import Obstacle
 from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Position
-from engines.planning.ik.mechanism import Mechanism
 from engines.planning.plan import Plan, Segment
 from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
 
 JOINT = "torso_1_joint"
-
-
-@pytest.fixture(scope="module")
-def mechanism(kinematics):
-    return Mechanism.of(kinematics)
-
-
-@pytest.fixture(scope="module")
-def ready(mechanism, description):
-    home = dict(zip(description.joints, description.home_position("ready"), strict=True))
-    return mechanism.configuration(np.array([home[joint] for joint in mechanism.joints]))
 
 
 @pytest.fixture(scope="module")

@@ -47,16 +47,9 @@ def placed():
 
 
 @pytest.fixture(scope="session")
-def upper() -> Mechanism:
-    """TALOS' upper body on a fixed base."""
-    return Mechanism.of(Kinematics(robots.load("talos_upper")))
-
-
-@pytest.fixture(scope="session")
-def ready(upper) -> np.ndarray:
-    description = robots.load("talos_upper")
-    home = dict(zip(description.joints, description.home_position("ready"), strict=True))
-    return upper.configuration(np.array([home[joint] for joint in upper.joints]))
+def upper(mechanism: Mechanism) -> Mechanism:
+    """TALOS' upper body on a fixed base, beside the whole one."""
+    return mechanism
 
 
 @pytest.fixture(scope="session")

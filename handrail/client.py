@@ -19,6 +19,7 @@ Calls may be made from any number of threads at once; none waits for another's a
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -92,16 +93,16 @@ DEFAULT_ADDRESS = "tcp://127.0.0.1:47800"
 
 
 def connect(
-    address: str = DEFAULT_ADDRESS, keys: link_keys.ClientKeys | Path | str | None = None, *, timeout_s: float = 5.0
+    address: str | None = None, keys: link_keys.ClientKeys | Path | str | None = None, *, timeout_s: float = 5.0
 ) -> Client:
-    """Connect to the robot whose gate listens at `address` (tcp://HOST:PORT).
+    """Connect to the robot whose gate listens at `address` (tcp://HOST:PORT; None: $HANDRAIL_ADDRESS, else this machine's).
 
     `keys`: a folder of keys, or None for this user's own (made on the first run; see `handrail.link.keys`). Waits `timeout_s` for
     the gate and raises Unreachable if it is not there; 0 does not wait, and the client connects as soon as the gate is up. Raises
     KeysError for keys that can't be used, ValueError for a malformed address.
     """
     own = keys if isinstance(keys, link_keys.ClientKeys) else link_keys.for_client(keys)
-    session = Session(address, own)
+    session = Session(address or os.environ.get("HANDRAIL_ADDRESS") or DEFAULT_ADDRESS, own)
     if timeout_s > 0:
         try:
             session.wait_connected(timeout_s)

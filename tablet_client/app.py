@@ -37,7 +37,9 @@ class Look(StrEnum):
 
 
 def tablet(
-    address: Annotated[str, typer.Option("--connect", metavar="ADDRESS", help="The robot's link.")] = DEFAULT_ADDRESS,
+    address: Annotated[
+        str, typer.Option("--connect", metavar="ADDRESS", envvar="HANDRAIL_ADDRESS", help="The robot's link.")
+    ] = DEFAULT_ADDRESS,
     operator: Annotated[str, typer.Option(help="Your name, as the robot's log shows it.")] = "operator",
     keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="The window's size in pixels.")] = "1280x800",

@@ -23,7 +23,7 @@ from handrail.messages import LogLine, Prompt, PromptClosed, RunState, TaskCheck
 app = typer.Typer(help="Check, list and run programs.", no_args_is_help=True, add_completion=False)
 _out = Console()
 _err = Console(stderr=True)
-Robot = Annotated[str, typer.Option("--connect", help="Address of the robot's link.")]
+Robot = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
 Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 _RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
 _SILENT_S = 2.0

@@ -38,6 +38,7 @@ class Events:
         self._count = 0
         self._live = threading.Event()
         self._closed = False
+        self._tell: Callable[[], None] = _nobody
 
     def next(self, timeout_s: float | None = None) -> Any | None:
         """The next event; None when none came in time or the stream is closed (None waits for ever, 0 does not wait)."""
@@ -62,6 +63,14 @@ class Events:
     def __iter__(self) -> Iterator[Any]:
         while (event := self.next()) is not None:
             yield event
+
+    @property
+    def closed(self) -> bool:
+        return self._closed
+
+    def on_change(self, tell: Callable[[], None]) -> None:
+        """Call `tell` whenever an event came or the stream ended, in the session's thread: for loops that wait elsewhere."""
+        self._tell = tell
 
     def wait_live(self, timeout_s: float | None = None) -> bool:
         """Wait until the robot's side has confirmed the stream; False when it has not in time."""
@@ -95,6 +104,7 @@ class Events:
                 self._waiting.pop(next(iter(self._waiting)))
                 self.dropped += 1
             self._changed.notify()
+        self._tell()
 
     def _went_live(self) -> None:
         if Live in self.kinds:
@@ -105,3 +115,8 @@ class Events:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+        self._tell()
+
+
+def _nobody() -> None:
+    pass

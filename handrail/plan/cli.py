@@ -35,7 +35,7 @@ _NUMBERS = {"ignore_unknown_options": True}
 """so that -0.3 is a number and no option"""
 
 Plan = Annotated[str, typer.Argument(help="Its id, the end of one, `last`, or a file that `export` wrote.")]
-ConnectTo = Annotated[str, typer.Option("--connect", help="Address of the robot's link.")]
+ConnectTo = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
 Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 
 

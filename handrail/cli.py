@@ -25,6 +25,7 @@ _VERBS = {
     "stop": "Operator stop over the local socket; --clear unlatches it.",
     "demo": "Turn a valve with the whole stack and judge it by the plant's ground truth.",
     "tablet": "Open the operator's window.",
+    "shell": "An IPython prompt with the robot that is up in it.",
     "can": "The CAN bus: look at it, record, replay, disturb, bridge.",
     "daemon": "The control daemon: how long its loop's cycles take, and how late they are.",
     "hardware": "Every drive and device of the robot that is up: life, state, errors, versions.",

@@ -13,6 +13,7 @@ VERBS = [
     "stop",
     "demo",
     "tablet",
+    "shell",
     "can",
     "daemon",
     "hardware",

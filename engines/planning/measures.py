@@ -86,8 +86,12 @@ def joined(parts: Iterable[Sequence[Measure]], starts: Sequence[float]) -> dict[
 
 
 def limit_margins(joints: Sequence[str], times: Array, q: Array, lower: Array, upper: Array) -> Measure:
-    """rad (m), over a motion's (k,) s and (k, m): to the nearest of the limits (m,), and of which joint."""
+    """rad (m), over a motion's (k,) s and (k, m): to the nearest of the limits (m,), and of which joint.
+
+    A joint that turns without end is told as though it had half a turn left: what clients are told are numbers.
+    """
     room = np.minimum(q - lower, upper - q)
+    room[~np.isfinite(room)] = np.pi
     return Measure(LIMIT_MARGIN, times, room.min(axis=1), tuple(joints[row] for row in room.argmin(axis=1)))
 
 

@@ -47,12 +47,10 @@ class MotionPlanner:
     """Plans for one robot, with its base where it is. One plan at a time."""
 
     def __init__(self, description: RobotDescription, kinematics: Kinematics, limits: Limits):
-        """`limits` (n,) of all joints that a plan keeps. Raises ValueError for a robot with joints that turn without end."""
+        """`limits` (n,) of all joints that a plan keeps."""
         self._description, self._limits = description, limits
         self._kinematics = Kinematics(kinematics.description)
         self.mechanism = Mechanism.of(self._kinematics)
-        if endless := set(description.joints) - set(self.mechanism.joints):
-            raise ValueError(f"joint {min(endless)}: it turns without end; expected joints with positions")
         rows = dict(zip(self.mechanism.joints, self.mechanism.q_rows.tolist(), strict=True))
         self._rows: Integers = np.array([rows[joint] for joint in description.joints], np.int64)
         self.solver = Solver(self.mechanism)

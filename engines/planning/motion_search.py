@@ -17,6 +17,7 @@ from engines.planning.along import Follow
 from engines.planning.collision.clearances import clearances, looks
 from engines.planning.collision.connect import Budget, Connector
 from engines.planning.collision.sweep import cubics
+from engines.planning.endless import endless_of, nearest_turn, told_by, unwound
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Constraint
@@ -58,9 +59,10 @@ class MotionSearch:
         self, planner: MotionPlanner, motion: Motion, start: Array, cancelled: Callable[[], bool],
         progress: Callable[[str], None],
     ):  # fmt: skip
+        mechanism = self._mechanism = planner.mechanism
+        motion = unwound(motion, mechanism, start)
         self._planner, self._motion, self._start = planner, motion, start
         self._cancelled, self._progress = cancelled, progress
-        mechanism = self._mechanism = planner.mechanism
         self._data = mechanism.model.createData()
         self._reached = motion.goals
         self._rows: Integers = mechanism.coordinate[[mechanism.row(joint) for joint in motion.moving]]
@@ -69,7 +71,8 @@ class MotionSearch:
         )
         self._scene = scene = planner.scene(motion)
         self._connector = Connector(scene.world, margins=scene.margins, cancelled=cancelled, sweep=scene.sweep)
-        told = {joint for one in (*motion.goals, *chain.from_iterable(motion.through)) for joint in _told(one)}
+        told = {joint for one in (*motion.goals, *chain.from_iterable(motion.through)) for joint in told_by(one)}
+        self._endless = endless_of(mechanism, [joint for joint in motion.moving if joint not in told])
         free = tuple(joint for joint in motion.moving if joint not in told)
         self._always: list[Constraint] = [
             kinds.Clearance(scene=scene.world, at_least=motion.clearance + _SPARE, name="clearance")
@@ -195,6 +198,7 @@ class MotionSearch:
             answer = self._planner.solver.solve(
                 wanted, here, start=here if start is None else start, moving=moving, starts=starts
             )
+            answer = replace(answer, q=nearest_turn(answer.q, here, self._endless))
             if answer.feasible and all(np.abs(answer.q - one).max() > 0.05 for one in known):
                 known.append(answer.q)
                 yield answer
@@ -340,8 +344,3 @@ class MotionSearch:
             first += best
             passed.append(float(segment.times[first]))
         return tuple(passed)
-
-
-def _told(constraint: Constraint) -> tuple[str, ...]:
-    """The joints that a constraint puts somewhere, be it at their limits."""
-    return tuple(constraint.coefficients) if isinstance(constraint, kinds.Posture) else ()

@@ -430,9 +430,15 @@ def load(name_or_folder: str | os.PathLike[str]) -> RobotDescription:
     tree = ET.parse(assembled).getroot()
     limits, mimics = _limits(tree), _mimics(tree)
     devices = _devices(document, file, tree, channels, mimics)
+    endless = {each.get("name", "") for each in tree.findall("joint") if each.get("type") == "continuous"}
     undriven = set(mimics) | {device.joint for device in devices}
     for carrier in limbs:
         for joint in carrier.joints:
+            if joint in endless:
+                raise document.error(
+                    f"network.limbs[{carrier.index}].joints",
+                    f"{joint} turns without end, and no drive's frame carries that; expected a joint with limits",
+                )
             if joint not in limits:
                 raise document.error(f"network.limbs[{carrier.index}].joints", f"no moving joint {joint!r} in the URDF")
             if joint in undriven:

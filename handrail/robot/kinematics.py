@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from handrail.robot.description import RobotDescription
+from handrail.robot.rooting import rebuilt, turns_without_end
 
 
 class Kinematics:
@@ -20,6 +21,8 @@ class Kinematics:
     def __init__(self, description: RobotDescription):
         self.description = description
         self.model = pin.buildModelFromUrdf(str(description.urdf))
+        if turns_without_end(self.model):
+            self.model, _ = rebuilt(self.model, pin.GeometryModel())
         self.data = self.model.createData()
         ids = [self.model.getJointId(name) for name in description.joints]
         self.index_v = np.array([self.model.idx_vs[i] for i in ids], dtype=np.intp)

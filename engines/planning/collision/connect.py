@@ -29,6 +29,8 @@ _STEP = 0.5
 """rad that a tree grows at once"""
 _MARGIN_BEYOND = 1.0
 """rad beyond start and goal that half of the samples are drawn from: ways around an object rarely lead far"""
+_HALF_TURN = np.pi
+"""rad beyond both that a joint without limits is looked for at most"""
 _SPARE = 2e-3
 """m of clearance more than is asked for: what is done to the way afterwards (a spline through its rows) needs some"""
 _CORNER = 0.35
@@ -146,15 +148,17 @@ class Connector:
         """Corners of a clear way by two trees that grow towards each other."""
         columns = self._columns
         one, other = _Tree(start), _Tree(goal)
-        low = np.clip(np.minimum(start, goal)[columns] - _MARGIN_BEYOND, self._lower, self._upper)
-        high = np.clip(np.maximum(start, goal)[columns] + _MARGIN_BEYOND, self._lower, self._upper)
+        least, most = np.minimum(start, goal)[columns], np.maximum(start, goal)[columns]
+        lower = np.where(np.isfinite(self._lower), self._lower, least - _HALF_TURN)
+        upper = np.where(np.isfinite(self._upper), self._upper, most + _HALF_TURN)
+        low, high = np.clip(least - _MARGIN_BEYOND, lower, upper), np.clip(most + _MARGIN_BEYOND, lower, upper)
         tried = 0
         while tried < budget.edges and time.monotonic() < end:
             if tried // _TELL_EVERY != (tried - 1) // _TELL_EVERY:
                 progress(f"way around: {tried} of {budget.edges} edges tried")
             target = start.copy()
             near = generator.random() < 0.5
-            target[columns] = generator.uniform(low if near else self._lower, high if near else self._upper)
+            target[columns] = generator.uniform(low if near else lower, high if near else upper)
             tried += 1
             grown = self._extended(one, target)
             if grown is not None:

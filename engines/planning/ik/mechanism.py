@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from handrail.robot.kinematics import Kinematics
+from handrail.robot.rooting import rebuilt, turns_without_end
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -60,11 +61,15 @@ class Mechanism:
 
     @classmethod
     def of(cls, kinematics: Kinematics, *, free_base: bool = False) -> Mechanism:
-        """Of a robot with its joints, bodies as convex hulls; what its grippers move stands where `kinematics` has it."""
+        """Of a robot with its joints, bodies as convex hulls; what its grippers move stands where `kinematics` has it.
+
+        Joints that turn without end have one coordinate here, and infinite limits. Raises ValueError for those under a free base.
+        """
         description = kinematics.description
         moving = description.joints
         reference = kinematics.configuration(description.home_position())
-        return cls.from_urdf(str(description.urdf), moving, reference=reference, free_base=free_base)
+        found = cls.from_urdf(str(description.urdf), moving, reference=reference, free_base=free_base)
+        return cls(*rebuilt(found.model, found.geometry)) if turns_without_end(found.model) else found
 
     @classmethod
     def from_urdf(

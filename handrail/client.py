@@ -163,12 +163,7 @@ class Client:
             while not status.enabled or status.isolated:
                 left = deadline - time.monotonic()
                 if left <= 0:
-                    late = [
-                        f"{drive.joint} {drive.state}" for drive in status.drives if drive.state != "operation_enabled"
-                    ]
-                    raise TimeoutError(
-                        f"the robot was not enabled in {timeout_s:g} s: {', '.join(late) or 'no answer'}"
-                    )
+                    raise TimeoutError(f"the robot was not enabled in {timeout_s:g} s: {_late_drives(status)}")
                 status = statuses.next(left) or status
 
     def disable(self) -> None:
@@ -365,6 +360,19 @@ class Client:
         events = self.events(*(kinds if isinstance(kinds, tuple) else (kinds,)), timeout_s=timeout_s)
         threading.Thread(target=_react, args=(events, react), name="handrail-events", daemon=True).start()
         return events
+
+
+def _late_drives(status: DaemonStatus) -> str:
+    """Which drives are not in operation, those with the same trouble together."""
+    late: dict[str, list[str]] = {}
+    for drive in status.drives:
+        if drive.state != "operation_enabled":
+            late.setdefault(drive.problem or drive.state, []).append(drive.joint)
+    words = [
+        f"{', '.join(joints) if len(joints) <= 7 else f'{len(joints)} drives'}: {trouble}"
+        for trouble, joints in late.items()
+    ]
+    return "; ".join(words) or "no answer"
 
 
 def _react(events: Events, react: Callable[[Any], None]) -> None:

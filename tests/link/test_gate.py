@@ -79,9 +79,11 @@ class TestCalls:
 
     def test_to_enable_name_the_drives_that_do_not_get_there(self, stand):
         daemon, _ = stand.daemon(), stand.gate()
-        late = DriveStatus(joint="arm_right_1_joint", state="fault")
-        daemon.answers[GetStatus] = lambda _: stand.status(drives=[late])
-        with pytest.raises(TimeoutError, match="arm_right_1_joint fault"):
+        late = [DriveStatus(joint=f"arm_right_{n}_joint", state="fault", problem="fault: undervoltage") for n in (1, 2)]
+        slow = DriveStatus(joint="head_1_joint", state="switched_on")
+        daemon.answers[GetStatus] = lambda _: stand.status(drives=[*late, slow])
+        words = "arm_right_1_joint, arm_right_2_joint: fault: undervoltage; head_1_joint: switched_on"
+        with pytest.raises(TimeoutError, match=words):
             stand.client().enable(timeout_s=0.3)
 
     def test_that_are_refused_raise_with_field_value_and_expectation(self, stand):

@@ -1,0 +1,24 @@
+"""Templates in the world: place one, move it, change it, look, take it away."""
+
+import handrail
+from handrail.messages import Pose
+
+with handrail.connect() as robot:
+    for instance in robot.instances():
+        robot.remove_instance(instance.name)
+
+    placed = robot.place_instance("guess", "wheel", Pose(position=(0.60, -0.30, 0.25)), {"spokes": 4})
+    print(f"{placed.name}: version {placed.version}, radius {placed.parameters['radius']} m")
+
+    moved = robot.move_instance("guess", Pose(position=(0.56, -0.34, 0.29)))
+    print(f"moved: version {moved.version}")
+    try:
+        robot.set_parameters("guess", {"spokes": 40})
+    except handrail.client.RefusedError as refused:  # field, value and what was expected; nothing has changed
+        print("refused:", refused)
+
+    robot.remove_instance("guess")
+    robot.place_instance(
+        "wheel_1", "wheel", Pose(position=(0.55, -0.35, 0.30))
+    )  # where the valve is: for the lessons to come
+    print("in the world:", ", ".join(instance.name for instance in robot.instances()))

@@ -385,7 +385,7 @@ class Engine:
             inner = [state for state in inner if not any(child in inner for child in state.children)]
             start = Start(
                 states=tuple(state.id for state in inner),
-                variables={name: value for name, value in data.items() if name in program.variables},
+                variables={name: value for name, value in data.items() if name in program.variables or "/" in name},
                 parameters={name: value for name, value in data.items() if name in program.parameters},
                 paused="the engine was started anew; what it moved has stopped. Look, then go on, or run from another state",
                 run=entry.state.run,

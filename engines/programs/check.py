@@ -16,10 +16,10 @@ from statemachine.event import _event_data_kwargs
 from statemachine.exceptions import InvalidDefinition
 from statemachine.statemachine import StateChart
 
-from engines.activities import ACTIVITIES
 from engines.activities.base import SHAPES, Argument, Kind, goals_in
 from engines.nodes import library as node_library
 from engines.programs import nested
+from engines.programs.call import SIGNATURES, check_call
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.program import CONSTANTS, RETRIES, Program, State, Transition
 from engines.programs.text import fields
@@ -27,7 +27,7 @@ from handrail import compound_tasks
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, find, with_frames
 from handrail.config import ConfigError
 
-ERROR_OUTPUTS = frozenset({"message", "reason", "source"})
+ERROR_OUTPUTS = frozenset({"message", "reason"})
 """what `_event.data` has after `error.execution`"""
 RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure", "autonomy_level", "asked"})
 STOPPED = "stopped"
@@ -48,6 +48,7 @@ def check(program: Program) -> None:
         for transition in (*state.transitions, *(t for each in state.history.values() for t in each)):
             _check_transition(program, state, transition, states)
         _check_ways_out(program, state)
+    _check_outputs(program)
     if not any(state.file.final for state in program.roots):
         raise program.document.error("states", "no final state; expected at least one, with `outcome: succeeded`")
     _check_reachable(program, states)
@@ -71,6 +72,20 @@ def _check_names(program: Program) -> None:
             raise program.document.error(
                 f"parameters.{name}.default", f"{parameter.default!r} is {problem}; expected {expected}"
             )
+
+
+def _check_outputs(program: Program) -> None:
+    for name, output in program.outputs.items():
+        field, problem = f"outputs.{name}", ""
+        if not name.isidentifier() or name.startswith("_") or keyword.iskeyword(name) or name in _event_data_kwargs:
+            problem = f"{name!r} can't be used in expressions; expected another name"
+        elif name == "outcome":
+            problem = "`outcome` is the name of the final state that the program came to; expected another name"
+        elif not output.value and name not in program.names:
+            problem = f"nothing is called {name!r} here; expected `value`, or one of {_listed(program.names)}"
+        if problem:
+            raise program.document.error(field, problem)
+        _check_expression(program, f"{field}.value" if output.value else field, output.value or name, frozenset())
 
 
 def _states_by_id(program: Program) -> dict[str, State]:
@@ -169,9 +184,11 @@ def _data_of(program: Program, path: str, event: str, states: dict[str, State]) 
             raise program.document.error(
                 f"{path}.event", f"got {event!r}; expected the name of a state {wanted} after {prefix}"
             )
+        if named.called is not None and prefix == "done.invoke.":
+            return frozenset({"outcome", *named.called.outputs})
         return (
-            ACTIVITIES[named.file.do].outputs_of(named.file.with_)
-            if named.file.do in ACTIVITIES and prefix == "done.invoke."
+            SIGNATURES[named.file.do].outputs_of(named.file.with_)
+            if named.file.do in SIGNATURES and prefix == "done.invoke."
             else frozenset()
         )
     return ERROR_OUTPUTS if event in ("error.execution", "error") else frozenset()
@@ -183,13 +200,13 @@ def _check_activity(program: Program, state: State) -> None:
         if given:
             raise error(f"{state.path}.with", "arguments without `do`; expected an activity")
         return
-    if state.file.do not in ACTIVITIES:
-        raise error(f"{state.path}.do", f"no activity {state.file.do!r}; expected one of {', '.join(ACTIVITIES)}")
+    if state.file.do not in SIGNATURES:
+        raise error(f"{state.path}.do", f"no activity {state.file.do!r}; expected one of {', '.join(SIGNATURES)}")
     if state.children:
         raise error(
             f"{state.path}.do", "a state with states in it can't do an activity itself; expected it in one of them"
         )
-    arguments = ACTIVITIES[state.file.do].arguments
+    arguments = SIGNATURES[state.file.do].arguments
     for name in given:
         if name not in arguments:
             raise error(
@@ -201,9 +218,13 @@ def _check_activity(program: Program, state: State) -> None:
             _check_argument(program, f"{state.path}.with.{name}", argument, given[name])
         elif argument.required:
             raise error(f"{state.path}.with.{name}", f"missing; {state.file.do} needs it ({argument.kind.value})")
-    name, problem = ACTIVITIES[state.file.do].problem(given)
+    for output in sorted(SIGNATURES[state.file.do].outputs_of(given) & _event_data_kwargs):
+        raise error(f"{state.path}.with.outputs", f"no expression can name {output!r}; expected another output")
+    name, problem = SIGNATURES[state.file.do].problem(given)
     if problem:
         raise error(f"{state.path}.with.{name}", problem)
+    if state.called is not None:
+        check_call(program, state, state.called)
 
 
 def _check_argument(program: Program, path: str, argument: Argument, value: Any) -> None:
@@ -348,18 +369,18 @@ def _check_ways_out(program: Program, state: State) -> None:
     if not state.file.do:
         return
     done = f"done.invoke.{state.id}"
-    if not any(_takes(way, done) for way in ways):
+    if not any(takes(way, done) for way in ways):
         raise program.document.error(
             f"{state.path}.transitions", f"nothing follows when it is done; expected a transition on {done}"
         )
-    if not any(_takes(way, "error.execution") and way.file.cond is None for way in ways):
+    if not any(takes(way, "error.execution") and way.file.cond is None for way in ways):
         raise program.document.error(
             f"{state.path}.transitions",
             "nothing follows when it fails; expected a transition on error.execution without `cond`",
         )
 
 
-def _takes(way: Transition, event: str) -> bool:
+def takes(way: Transition, event: str) -> bool:
     """SCXML §3.12.1: a descriptor matches an event whose first tokens are its tokens."""
     tokens = event.split(".")
     return any(

@@ -80,6 +80,7 @@ def show(
     file: Annotated[
         Path | None, typer.Argument(help="Where to: .svg, .png, .pdf or .dot; NAME.svg if not given.")
     ] = None,
+    expand: Annotated[bool, typer.Option("--expand", help="With the states of the programs that it runs.")] = False,
 ) -> None:
     """Draw a program as a statechart."""
     from engines.programs.picture import CanNotDraw, draw
@@ -87,7 +88,7 @@ def show(
     found = _loaded(program)
     file = file or Path(f"{found.name}.svg")
     try:
-        draw(found, file)
+        draw(found, file, expand=expand)
     except (CanNotDraw, OSError) as problem:
         _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(1) from problem
@@ -112,12 +113,12 @@ def diff(
 @app.command()
 def schema() -> None:
     """Print the JSON Schema of programs: an editor that knows it completes and checks while you write."""
-    from engines.activities import ACTIVITIES
+    from engines.programs.call import SIGNATURES
     from engines.programs.schema import json_schema
 
     arguments = {
         name: {argument: each.required for argument, each in activity.arguments.items()}
-        for name, activity in ACTIVITIES.items()
+        for name, activity in SIGNATURES.items()
     }
     _out.print_json(data=json_schema(arguments))
 

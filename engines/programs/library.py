@@ -7,15 +7,9 @@ from pathlib import Path
 from affordance_templates import catalogue
 from affordance_templates.template_file import read as read_template
 from engines.programs import program
-from engines.programs.program import Program
-from handrail import workspace
+from engines.programs.program import Program, files
 from handrail.config import ConfigError
 from handrail.messages import Library, LibraryEntry
-
-
-def files() -> dict[str, Path]:
-    """Every program's name and file."""
-    return workspace.files(workspace.search_path("rtc_programs", "rtc_programs"))
 
 
 def load(name_or_file: str) -> Program:

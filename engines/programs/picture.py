@@ -6,6 +6,7 @@ import html
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from engines.programs.program import Program, State, Transition
@@ -20,12 +21,16 @@ class CanNotDraw(Exception):
     """The picture could not be made; says what is missing."""
 
 
-def draw(program: Program, file: Path, active: frozenset[str] = frozenset()) -> None:
-    """Write a picture; the file's suffix says which kind (see `FORMATS`). `active`: states to light up. Raises CanNotDraw."""
+def draw(program: Program, file: Path, active: frozenset[str] = frozenset(), *, expand: bool = False) -> None:
+    """Write a picture; the file's suffix says which kind (see `FORMATS`). Raises CanNotDraw.
+
+    :param active: states to light up
+    :param expand: with the states of the programs that states run, instead of a box for each
+    """
     kind = file.suffix.removeprefix(".")
     if kind not in FORMATS:
         raise CanNotDraw(f"{file}: got {file.suffix or 'no suffix'!r}; expected one of {', '.join(FORMATS)}")
-    text = graph(program, active)
+    text = graph(program if expand else _collapsed(program), active)
     if kind == "dot":
         file.write_text(text, encoding="utf-8")
         return
@@ -37,6 +42,15 @@ def draw(program: Program, file: Path, active: frozenset[str] = frozenset()) -> 
     done = subprocess.run([dot, f"-T{kind}", "-o", str(file)], input=text, text=True, capture_output=True, check=False)
     if done.returncode:
         raise CanNotDraw(f"{file}: dot could not draw it: {done.stderr.strip()}")
+
+
+def _collapsed(program: Program) -> Program:
+    """Without the states of the programs that it runs."""
+
+    def alone(state: State) -> State:
+        return replace(state, children=[] if state.called else [alone(child) for child in state.children])
+
+    return replace(program, roots=tuple(alone(root) for root in program.roots))
 
 
 def graph(program: Program, active: frozenset[str] = frozenset()) -> str:
@@ -65,7 +79,8 @@ def _state(state: State, indent: str, active: frozenset[str]) -> Iterator[str]:
         color = _ENDS.get(state.file.outcome, _DIM)
         yield f'{indent}{_quoted(state.id)} [label={_label(state)}, color="{color}", peripheries=2{lit}];'
     elif not state.children:
-        yield f"{indent}{_quoted(state.id)} [label={_label(state)}{lit}];"
+        shape = ", shape=component" if state.called else ""
+        yield f"{indent}{_quoted(state.id)} [label={_label(state)}{shape}{lit}];"
     else:
         style = ', style="rounded,filled,dashed"' if state.file.parallel else ""
         yield f"{indent}subgraph {_quoted('cluster_' + state.id)} {{"
@@ -101,11 +116,12 @@ def _ways(program: Program, state: State) -> Iterator[str]:
 
 
 def _label(state: State) -> str:
-    lines = [f"<b>{_text(state.id)}</b>"]
+    lines = [f"<b>{_text(state.name)}</b>"]
     if state.file.title:
         lines += [_text(line) for line in _wrapped(state.file.title)]
     if state.file.do:
-        lines.append(f'<font color="{_DIM}" point-size="9">{_text(state.file.do)}</font>')
+        what = f"{state.file.do} {state.called.name}" if state.called else state.file.do
+        lines.append(f'<font color="{_DIM}" point-size="9">{_text(what)}</font>')
     return f"<{'<br/>'.join(lines)}>"
 
 

@@ -14,15 +14,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
+
 from engines.programs.schema import (
     HistoryFile,
+    Output,
     Parameter,
     ProgramFile,
     Resource,
     StateFile,
     TransitionFile,
 )
-from handrail import config
+from handrail import config, workspace
 
 _T = TypeVar("_T")
 
@@ -31,6 +34,8 @@ CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180}
 
 AUTONOMY: Mapping[str, int] = {"low": 1, "high": 2, "full": 3}
 """levels that a run may have, and that a transition may name as the highest at which it is asked about"""
+PROGRAM = "program"
+"""what a state does that runs another program"""
 RETRIES = "retries_of_"
 """and a state's id: how often its activity was begun anew already, since the state was entered"""
 
@@ -49,6 +54,7 @@ class State:
     """A state, in the tree."""
 
     id: str
+    """its name; of a program that another one runs, after the name of the state that does: ``grasping/closing``"""
     path: str
     """where it stands in the file"""
     file: StateFile
@@ -57,6 +63,15 @@ class State:
     transitions: list[Transition] = field(default_factory=list)
     history: dict[str, list[Transition]] = field(default_factory=dict)
     history_type: dict[str, str] = field(default_factory=dict)
+    scope: str = ""
+    """id of the state that runs the program that it belongs to; empty: the program itself"""
+    called: Program | None = None
+    """the program that it runs (`do: program`); the states of that are its children"""
+
+    @property
+    def name(self) -> str:
+        """As its own program calls it."""
+        return self.id.rpartition("/")[2]
 
     def lineage(self) -> Iterator[State]:
         """The state and its ancestors, innermost first."""
@@ -86,17 +101,24 @@ class Program:
     resources: Mapping[str, Resource]
     parameters: Mapping[str, Parameter]
     variables: Mapping[str, Any]
+    outputs: Mapping[str, Output]
     roots: tuple[State, ...]
     """top-level states, in the file's order"""
+    texts: Mapping[str, str]
+    """program → its file's content, of all that it runs"""
 
     @functools.cached_property
     def names(self) -> frozenset[str]:
         """Those that its expressions may use."""
-        retries = {f"{RETRIES}{state.id}" for state in self.states() if state.file.retry}
+        retries = {f"{RETRIES}{state.id}" for state in self.own_states() if state.file.retry}
         return frozenset({*self.variables, *self.parameters, *self.resources, *CONSTANTS, *retries, "failure"})
 
+    def own_states(self) -> Iterator[State]:
+        """Every state of its own file, in the file's order."""
+        return (state for state in self.states() if not state.scope)
+
     def states(self) -> Iterator[State]:
-        """Every state, in the file's order."""
+        """Every state, in the file's order, with those of the programs that it runs after the states that run them."""
         waiting = list(self.roots)
         while waiting:
             state = waiting.pop(0)
@@ -122,27 +144,123 @@ class Program:
         return "", ""
 
 
-def read(file: Path | str) -> Program:
-    """Read and check a program; its name is the file's. Raises config.ConfigError."""
-    from engines.programs import check as program_check
+def read(file: Path | str, library: Mapping[str, Path] | None = None) -> Program:
+    """Read and check a program; its name is the file's. Raises config.ConfigError.
 
-    document = config.read(file)
-    whole = document.convert(ProgramFile)
-    if not whole.states:
-        raise document.error("states", "got none; expected at least one")
-    program = Program(
-        name=Path(file).stem,
-        title=whole.title,
-        hash=hashlib.sha256(content := Path(file).read_bytes()).hexdigest()[:16],
-        text=content.decode(),
-        document=document,
-        resources=_each(document, "resources", whole.resources, Resource),
-        parameters=_each(document, "parameters", whole.parameters, Parameter),
-        variables=whole.variables,
-        roots=tuple(_state(document, f"states.{id}", id, None) for id in whole.states),
+    :param library: name → file of the programs that it may run; None: the library's
+    """
+    return _Reader(library).read(Path(file))
+
+
+def files() -> dict[str, Path]:
+    """Every program of the library by its name: the workspace's before the built-in ones."""
+    return workspace.files(workspace.search_path("rtc_programs", "rtc_programs"))
+
+
+class _Reader:
+    """Reads a program with all that it runs, each file once."""
+
+    def __init__(self, library: Mapping[str, Path] | None):
+        self._library = library
+        self._read: dict[str, Program] = {}
+        self._chain: list[tuple[str, Path]] = []
+        """programs that are being read, each of which runs the next"""
+
+    def read(self, file: Path) -> Program:
+        from engines.programs import check as program_check
+
+        document = config.read(file)
+        whole = document.convert(ProgramFile)
+        if not whole.states:
+            raise document.error("states", "got none; expected at least one")
+        content = file.read_bytes()
+        roots = tuple(_state(document, f"states.{id}", id, None) for id in whole.states)
+        self._chain.append((file.stem, file.resolve()))
+        callers = [state for root in roots for state in _all_of(root) if state.file.do == PROGRAM]
+        for state in callers:
+            state.called = self._called(document, state)
+        self._chain.pop()
+        called = {state.called.name: state.called for state in callers if state.called is not None}
+        digest = hashlib.sha256(content)
+        for name in sorted(called):
+            digest.update(f"{name} {called[name].hash}".encode())
+        program = Program(
+            name=file.stem,
+            title=whole.title,
+            hash=digest.hexdigest()[:16],
+            text=content.decode(),
+            document=document,
+            resources=_each(document, "resources", whole.resources, Resource),
+            parameters=_each(document, "parameters", whole.parameters, Parameter),
+            variables=whole.variables,
+            outputs=_each(document, "outputs", whole.outputs, Output),
+            roots=roots,
+            texts={
+                name: text for each in called.values() for name, text in {each.name: each.text, **each.texts}.items()
+            },
+        )
+        program_check.check(program)
+        for state in callers:
+            if state.called is not None:
+                state.children = [_within(root, state, state.id) for root in state.called.roots]
+        return program
+
+    def _called(self, document: config.Document, state: State) -> Program | None:
+        name, path = state.file.with_.get("program"), f"{state.path}.with.program"
+        if not isinstance(name, str):
+            return None  # as the check says
+        library = files() if self._library is None else self._library
+        if name not in library:
+            there = ", ".join(sorted(library)) or "none"
+            raise document.error(path, f"got {name!r}, no program of the library; expected one of {there}")
+        file = library[name].resolve()
+        if file in (under_way := [each for _, each in self._chain]):
+            chain = [each for each, _ in self._chain[under_way.index(file) :]]
+            raise document.error(
+                path, f"runs itself: {' → '.join([*chain, chain[0]])}; expected one that does not lead back"
+            )
+        if name not in self._read:
+            try:
+                self._read[name] = self.read(library[name])
+            except config.ConfigError as problem:
+                raise document.error(path, f"got {name!r}: {problem}") from problem
+        return self._read[name]
+
+
+def _all_of(state: State) -> Iterator[State]:
+    yield state
+    for child in state.children:
+        yield from _all_of(child)
+
+
+def _within(state: State, parent: State, caller: str) -> State:
+    """A program's state as one of the program whose state `caller` runs it."""
+
+    def named(id: str) -> str:
+        return f"{caller}/{id}"
+
+    def event(name: str) -> str:
+        kind = next((kind for kind in ("done.invoke.", "done.state.") if name.startswith(kind)), "")
+        return kind + named(name.removeprefix(kind)) if kind else name
+
+    def way(old: Transition) -> Transition:
+        target = None if old.file.target is None else " ".join(map(named, old.file.target.split()))
+        events = None if old.file.event is None else " ".join(map(event, old.file.event.split()))
+        return Transition(old.path, msgspec.structs.replace(old.file, target=target, event=events))
+
+    copy = State(
+        named(state.id),
+        state.path,
+        state.file,
+        parent,
+        transitions=[way(each) for each in state.transitions],
+        history={named(name): [way(each) for each in ways] for name, ways in state.history.items()},
+        history_type={named(name): type for name, type in state.history_type.items()},
+        scope=named(state.scope) if state.scope else caller,
+        called=state.called,
     )
-    program_check.check(program)
-    return program
+    copy.children = [_within(child, copy, caller) for child in state.children]
+    return copy
 
 
 def _state(document: config.Document, path: str, id: str, parent: State | None) -> State:
@@ -163,7 +281,12 @@ def _transitions(document: config.Document, path: str, count: int) -> list[Trans
 
 
 def _each(document: config.Document, path: str, parts: Mapping[str, Any], kind: type[_T]) -> dict[str, _T]:
-    return {name: document.convert(kind, f"{path}.{name}") for name in parts}
+    return {
+        name: document.convert(kind, f"{path}.{name}")
+        if part is not None
+        else document.converted({}, kind, f"{path}.{name}")
+        for name, part in parts.items()
+    }
 
 
 def _at(document: config.Document, path: str) -> Any:

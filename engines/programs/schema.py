@@ -35,6 +35,16 @@ class Parameter(_Struct):
     title: str = ""
 
 
+class Output(_Struct):
+    """A value that whoever runs the program as a state gets of it, in `_event.data`."""
+
+    value: str = ""
+    """an expression, evaluated at the end; empty: what has the output's own name"""
+    type: Literal["number", "integer", "text", "bool"] = "number"
+    unit: str = ""
+    title: str = ""
+
+
 class TransitionFile(_Struct):
     """SCXML's transition. `set`: variable → expression, carried out on the way."""
 
@@ -71,7 +81,7 @@ class StateFile(_Struct, rename={"with_": "with"}):
     states: dict[str, Any] = {}
     history: dict[str, Any] = {}
     outcome: Literal["succeeded", "failed", ""] = ""
-    """top-level final states: how the run ends"""
+    """top-level final states: how the run ends, or the state that runs this program: done, or failed"""
     detail: str = ""
     """top-level final states: words for people, with {expression} in them"""
 
@@ -84,6 +94,7 @@ class ProgramFile(_Struct):
     resources: dict[str, Any] = {}
     parameters: dict[str, Any] = {}
     variables: dict[str, Literals] = {}
+    outputs: dict[str, Any] = {}
 
 
 def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
@@ -91,7 +102,7 @@ def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
 
     :param activities: what `do` may say → its arguments → whether they must be given
     """
-    kinds = (ProgramFile, StateFile, TransitionFile, HistoryFile, Resource, Parameter)
+    kinds = (ProgramFile, StateFile, TransitionFile, HistoryFile, Resource, Parameter, Output)
     (top, *_), parts = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
 
     def of(kind: type) -> dict[str, Any]:
@@ -106,6 +117,7 @@ def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
         (StateFile, "history", {"type": "object", "additionalProperties": of(HistoryFile)}),
         (ProgramFile, "resources", {"type": "object", "additionalProperties": of(Resource)}),
         (ProgramFile, "parameters", {"type": "object", "additionalProperties": of(Parameter)}),
+        (ProgramFile, "outputs", {"type": "object", "additionalProperties": {"anyOf": [of(Output), {"type": "null"}]}}),
     ]
     for kind, field, schema in holds:
         parts[kind.__name__]["properties"][field] = schema

@@ -11,35 +11,27 @@ import queue
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from types import SimpleNamespace
 from typing import Any
 
-import msgspec
 from statemachine.invoke import InvokeContext
 from statemachine.io.interpreter import Interpreter
 from statemachine.io.model import InvokeDefinition
 from statemachine.io.native import native_dict_to_definition
 from statemachine.io.yaml.reader import YAMLReader
 
-from engines.activities.base import SHAPES, Activity, ActivityFailed, Argument, Kind, goals_in
-from engines.programs import nested
+from engines.activities.base import Activity, ActivityFailed
+from engines.programs import native
 from engines.programs.check import STOPPED
 from engines.programs.expressions import ProgramEvaluator
-from engines.programs.program import AUTONOMY, CONSTANTS, RETRIES, Program, State, Transition
-from engines.programs.text import fill
+from engines.programs.native import AFTER, ALLOW, RETRY, STOP, TAKE
+from engines.programs.program import AUTONOMY, RETRIES, Program, State
+from engines.programs.scope import NO_VALUE, Scopes
 from engines.runs.autonomy import Question
 from engines.runs.clock import RunClock
 from engines.runs.gate import RunGate
 from engines.runs.history import RunHistory
-from handrail.messages import Along, FrameGoal, GazeGoal
 from handrail.topics import Unreachable
 
-_INVOKE_TYPE = "handrail"
-_STOP = "handrail.stop"
-_TAKE = "handrail.take"
-_AFTER = "handrail.after"
-_RETRY = "handrail.retry"
-_ALLOW = "handrail.allow"
 _FOR_GOOD = frozenset({"bad_argument", "cancelled", "crashed", "refused", "stopped", "taken_over"})
 """reasons of failures that another attempt would not change, or that somebody wants"""
 _log = logging.getLogger(__name__)
@@ -56,31 +48,6 @@ class Event:
     data: Mapping[str, Any] = field(default_factory=dict)
     left: threading.Event | None = None
     """set once the visit of a state that it is about has ended: then nothing follows, even where the state is active anew"""
-
-
-class ProgramData:
-    """SCXML's data model: the program's variables, parameters, resources and constants as attributes."""
-
-    def __init__(self, names: Mapping[str, Any]):
-        self.state: Any = None  # python-statemachine keeps the configuration here
-        self.failure = ""
-        self.autonomy_level = max(AUTONOMY.values())
-        self._asked: Callable[[str], None] = lambda way: None
-        for name, value in names.items():
-            setattr(self, name, value)
-
-    @property
-    def asked(self) -> str:
-        """Assigned to by transitions that ask instead of leading on: state and index of the way that is asked about."""
-        return ""
-
-    @asked.setter
-    def asked(self, way: str) -> None:
-        self._asked(way)
-
-    def when_asked(self, call: Callable[[str], None]) -> None:
-        """Have `call` told of such a way."""
-        self._asked = call
 
 
 class Chart(Interpreter):
@@ -110,7 +77,8 @@ class Chart(Interpreter):
         :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
         :raises ValueError: no such state, or states that can't be active together
         """
-        super().__init__(reader=YAMLReader(), evaluator=ProgramEvaluator())
+        evaluator = ProgramEvaluator()
+        super().__init__(reader=YAMLReader(), evaluator=evaluator)
         self.program, self._make, self._history = program, make, history
         self.gate, self._clock = gate or RunGate(lambda why: None), clock or RunClock()
         self._ask, self._withdraw, self._event = ask, withdraw, Event("")
@@ -119,14 +87,16 @@ class Chart(Interpreter):
         """active state → set when it is left"""
         self._invokers: list[_ActivityInvoker] = []
         self.abandoned = False
-        retries = {f"{RETRIES}{state.id}": 0 for state in program.states() if state.file.retry}
-        self.data = ProgramData({**CONSTANTS, **retries, **names})
-        self.data.when_asked(self._asks)
-        # What expressions are evaluated over; the machine itself does not exist yet when its first activities begin.
-        self._names = SimpleNamespace(model=self.data)
+        start_at = tuple(start_at)
+        self._scopes = Scopes(program, evaluator, names)
+        self._scopes.own.data.when_asked(self._asks)
         self._by_id = {state.id: state for state in program.states()}
+        self._fresh: set[str] = set()
+        """active states that run a program in which nothing has been done yet"""
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        definition = _native(program, _initial(program, self._by_id, start_at))
+        definition = native.chart(program, native.initial(self._by_id, start_at))
+        above = (each.id for id in start_at for each in self._by_id[id].lineage() if each.id != id)
+        self._scopes.keep_restored(frozenset(above))
         self.process_definition(native_dict_to_definition(definition), location=program.name)
         self._machine: Any = None
 
@@ -134,7 +104,8 @@ class Chart(Interpreter):
 
     def begin(self) -> None:
         """Enter the initial states."""
-        self._machine = self.scs[self.program.name](model=self.data, listeners=[self])
+        self._machine = self.scs[self.program.name](model=self._scopes.own.data, listeners=[self])
+        self._scopes.keep_restored(frozenset())
 
     def step(self, timeout_s: float | None = None) -> bool:
         """Wait for the next event and carry out all that follows from it. False when none came in time (None: for ever)."""
@@ -163,12 +134,18 @@ class Chart(Interpreter):
         return [state.id for state in sorted(states, key=lambda state: len(list(state.lineage())))]
 
     def variables(self) -> dict[str, Any]:
-        """The program's variables as they stand."""
-        return {name: getattr(self.data, name) for name in self.program.variables}
+        """The program's variables as they stand; then variables and parameters of the programs that active states run, by the
+        state's id and theirs: ``grasping/force``.
+        """
+        return self._scopes.remembered(frozenset(self.active()))
 
-    def words(self, text: str) -> str:
-        """A text of the program with its expressions filled in."""
-        return fill(text, self._value)
+    def remembered(self) -> dict[str, Any]:
+        """The same, of every program that a state has run."""
+        return self._scopes.remembered()
+
+    def words(self, text: str, scope: str = "") -> str:
+        """A text of a program (of the one that the state `scope` runs) with its expressions filled in."""
+        return self._scopes[scope].words(text)
 
     # --------------------------------------------------------------------------------------------------- called by any thread
 
@@ -178,26 +155,26 @@ class Chart(Interpreter):
 
     def set_parameters(self, values: Mapping[str, Any]) -> None:
         """New values, for whatever is evaluated from now on."""
-        for name, value in values.items():
-            setattr(self.data, name, value)
+        self._scopes.own.set(values)
 
     def allow(self, question: Question) -> None:
         """Take the way that was asked about, with the data of the event that would have taken it; nothing if the state was left."""
-        self.post(Event(f"{_ALLOW}.{question.state}.{question.way}", question.data, question.left))
+        self.post(Event(f"{ALLOW}.{question.state}.{question.way}", question.data, question.left))
 
     def set_autonomy(self, level: str) -> None:
         """Which ways are asked about from now on; one of `AUTONOMY`."""
-        self.data.autonomy_level = AUTONOMY[level]
+        for scope in self._scopes:
+            scope.data.autonomy_level = AUTONOMY[level]
 
     def take(self, state: str, way: int) -> None:
         """Leave a state by one of its transitions that lead somewhere, whatever the guard says. What it sets from the event's data
         stays as it was.
         """
-        self.post(Event(f"{_TAKE}.{state}.{way}", left=self._visits.get(state)))
+        self.post(Event(f"{TAKE}.{state}.{way}", left=self._visits.get(state)))
 
     def stop(self) -> None:
         """End the run from whatever state it is in; its activities are cancelled."""
-        self.post(Event(_STOP))
+        self.post(Event(STOP))
 
     def abandon(self) -> None:
         """The machine itself can't go on: cancel what its states do."""
@@ -214,15 +191,19 @@ class Chart(Interpreter):
 
     def before_transition(self, event_data: Any) -> None:
         """Keeps the last failure's words where expressions find them, as `failure`: an activity's, or an expression's own."""
-        if str(event_data.event).startswith(("error.execution", _RETRY)):
+        if str(event_data.event).startswith(("error.execution", RETRY)):
             told = event_data.trigger_data.kwargs
-            self.data.failure = str(told.get("message") or told.get("error", ""))
+            source = told.get("_source")
+            # A guard's or an assignment's own error says not whose it is.
+            for scope in self._scopes if source is None else [self._scopes[source.rpartition("/")[0]]]:
+                scope.data.failure = str(told.get("message") or told.get("error", ""))
+                scope.reason = str(told.get("reason", ""))
 
     def _asks(self, way: str) -> None:
         state, _, index = way.rpartition(".")
         transition, left = self._by_id[state].transitions[int(index)].file, self._visits[state]
         if self._ask is None:
-            self.post(Event(f"{_ALLOW}.{way}", self._event.data, left))
+            self.post(Event(f"{ALLOW}.{way}", self._event.data, left))
             return
         done = {f"done.invoke.{state}": "is done", f"done.state.{state}": "is done", "error.execution": "has failed"}
         happened = f"{self._by_id[state].file.title or state} {done.get(self._event.name, _told(self._event.name))}"
@@ -234,29 +215,63 @@ class Chart(Interpreter):
         self._ask(Question(state, int(index), transition.autonomy, text, self._event.data, left))
 
     def on_enter_state(self, state: Any) -> None:
-        """A state becomes active: its time-outs begin."""
+        """A state becomes active: its time-outs begin, and the program that it runs."""
         found = self._by_id.get(state.id)
         if found is None:
             return
         self._visits[state.id] = threading.Event()
         if self._history is not None:
             self._history.entered(state.id)
+        if found.called is not None:
+            self._begin_program(found)
+        elif found.file.final and found.parent is not None and found.parent.called is not None:
+            self._end_program(found.parent, found)
         for k, way in enumerate(found.transitions):
             if way.file.after is not None:
-                self._begin_timeout(found.id, f"{_AFTER}.{found.id}.{k}", way.file.after)
+                self._begin_timeout(found, f"{AFTER}.{found.id}.{k}", way.file.after)
 
-    def _begin_timeout(self, state: str, event: str, after: Any) -> None:
-        left = self._visits[state]
+    def _begin_program(self, state: State) -> None:
+        scope = self._scopes[state.id]
+        self._fresh.add(state.id)
         try:
-            seconds = float(self._value(after))
+            scope.begin(self._scopes.restored(state.id))
+        except ValueError as problem:
+            scope.problem = f"{state.id}: {problem}"
+            self.post(self.failure(state, "bad_argument", scope.problem, self._visits[state.id]))
+
+    def _end_program(self, state: State, final: State) -> None:
+        """The program that a state runs has come to an end: that is the end of what the state does."""
+        scope, left, ended = self._scopes[state.id], self._visits[state.id], f"done.invoke.{state.id}"
+        if self._scopes.blocked(state.id):
+            return
+        try:
+            if final.file.outcome == "succeeded":
+                self.post(Event(ended, {"outcome": final.name, **scope.outputs()}, left))
+                return
+            detail, reason = scope.words(final.file.detail), final.name
+        except NO_VALUE as problem:
+            detail, reason = f"{final.id}: {problem}", "bad_result"
+        if scope.reason in _FOR_GOOD and state.file.retry:
+            reason = scope.reason  # nobody wants it tried again, or it would not help
+        self.post(self.failure(state, reason, detail or f"{scope.program.name} has ended as {final.name}", left))
+
+    def failure(self, state: State, reason: str, message: str, left: threading.Event | None = None) -> Event:
+        """What follows when what a state does has failed."""
+        name = "error.execution" if self.fails_for_good(state, reason) else f"{RETRY}.{state.id}"
+        return Event(name, {"message": message, "reason": reason, "_source": state.id}, left)
+
+    def _begin_timeout(self, state: State, event: str, after: Any) -> None:
+        left = self._visits[state.id]
+        try:
+            seconds = float(self._scopes[state.scope].value(after))
             if not 0 < seconds < float("inf"):
                 raise ValueError(f"got {seconds:g}; expected a time in s, above 0")
-        except (NameError, TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as problem:
-            text = f"{state}: after: {after!r} is no time: {problem}"
-            self.post(Event("error.execution", {"message": text, "reason": "bad_argument", "source": state}, left))
+        except NO_VALUE as problem:
+            text = f"{state.id}: after: {after!r} is no time: {problem}"
+            self.post(Event("error.execution", {"message": text, "reason": "bad_argument", "_source": state.id}, left))
             return
         take_back = self._clock.after(seconds, lambda: self.post(Event(event, left=left)))
-        self._timeouts.setdefault(state, []).append(take_back)
+        self._timeouts.setdefault(state.id, []).append(take_back)
 
     def on_exit_state(self, state: Any, event: Any) -> None:
         """A state is left: its time-outs end, and its retries, unless it is entered for another one."""
@@ -267,9 +282,8 @@ class Chart(Interpreter):
         self._withdraw(state.id)
         found, name = self._by_id.get(state.id), str(event or "")
         if found is not None and found.file.retry:
-            retries = f"{RETRIES}{state.id}"
-            again = name == f"{_RETRY}.{state.id}"
-            setattr(self.data, retries, getattr(self.data, retries) + 1 if again else 0)
+            again = name == f"{RETRY}.{state.id}"
+            self._scopes[found.scope].set({f"{RETRIES}{found.name}": self.retries(found) + 1 if again else 0})
         if self._history is not None:
             self._history.left(state.id, _told(name))
 
@@ -279,65 +293,21 @@ class Chart(Interpreter):
 
     def retries(self, state: State) -> int:
         """How often the state's activity was begun anew since it was entered."""
-        return getattr(self.data, f"{RETRIES}{state.id}", 0)
-
-    # --------------------------------------------------------------------------------------------------------------- values
+        return getattr(self._scopes[state.scope].data, f"{RETRIES}{state.name}", 0)
 
     def make_activity(self, state: State) -> Activity:
         """The activity of a state that was just entered, with its arguments' values. Raises ActivityFailed where one has none."""
-        values = {}
         from engines.activities import ACTIVITIES
 
-        for name, argument in ACTIVITIES[state.file.do].arguments.items():
-            given = state.file.with_.get(name)
-            try:
-                values[name] = argument.default if given is None else self._argument(argument, given)
-            except (NameError, TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as problem:
-                raise ActivityFailed(
-                    "bad_argument", f"{state.id}: {name}: {given!r} has no value: {problem}"
-                ) from problem
-        return self._make(state, values)
+        return self._make(state, self._scopes[state.scope].arguments(state, ACTIVITIES[state.file.do].arguments))
 
-    def _argument(self, argument: Argument, given: Any) -> Any:
-        match argument.kind:
-            case Kind.ARM | Kind.INSTANCE:
-                return getattr(self.data, given)
-            case Kind.TEXT:
-                return self.words(given)
-            case Kind.COMPOUND:
-                return self._worded(given)
-            case Kind.PORTS:
-                return {port: self._deep(value) for port, value in given.items()}
-            case Kind.LIST:
-                return nested.filled(given, self._value, self.words, lambda name: getattr(self.data, name))
-            case Kind.NUMBER:
-                value = self._value(given)
-                if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-                    raise TypeError(f"got {value!r}; expected a number")
-                return argument.default if value is None else float(value)
-            case Kind.VALUE:
-                return self._value(given)
-            case Kind.GOALS | Kind.KEY_FRAMES | Kind.ALONG:
-                read = msgspec.convert(given, SHAPES[argument.kind])
-                for goal in goals_in(read):
-                    if isinstance(goal, FrameGoal | GazeGoal | Along) and goal.instance:
-                        goal.instance = getattr(self.data, goal.instance)
-                return read
-        return given
-
-    def _deep(self, given: Any) -> Any:
-        """A value in which every text is an expression."""
-        if isinstance(given, dict):
-            return {name: self._deep(value) for name, value in given.items()}
-        return [self._deep(value) for value in given] if isinstance(given, list) else self._value(given)
-
-    def _worded(self, given: Any) -> Any:
-        return nested.filled(given, self.words, self.words, self.words)
-
-    def _value(self, expression: Any) -> Any:
-        if not isinstance(expression, str):
-            return expression
-        return self._evaluator.compile_value(expression)(machine=self._names)
+    def admit(self, state: State, cancelled: threading.Event) -> bool:
+        """Wait until a state may begin what it does; False when it was left instead. Called by the activity's own thread."""
+        if self._scopes.blocked(state.scope):
+            cancelled.wait()  # the program that it belongs to could not begin: what follows is not this state's to say
+        around = [each.id for each in state.lineage() if each.id in self._fresh]
+        self._fresh.difference_update(around)
+        return self.gate.admit(state.id, cancelled, within=around)
 
 
 class _ActivityInvoker:
@@ -366,7 +336,7 @@ class _ActivityInvoker:
     def _outcome(self, ctx: InvokeContext) -> Event:
         source = self._state.id
         try:
-            if not self._chart.gate.admit(source, ctx.cancelled):
+            if not self._chart.admit(self._state, ctx.cancelled):
                 raise ActivityFailed("cancelled", f"{source} was left before it began")
             activity = self._chart.make_activity(self._state)
             with self._lock:
@@ -375,13 +345,12 @@ class _ActivityInvoker:
                 activity.cancel()
             return Event(f"done.invoke.{source}", activity.run())
         except ActivityFailed as failed:
-            name = "error.execution" if self._chart.fails_for_good(self._state, failed.reason) else f"{_RETRY}.{source}"
-            return Event(name, {"message": str(failed), "reason": failed.reason, "source": source})
+            return self._chart.failure(self._state, failed.reason, str(failed))
         except Exception as crash:  # noqa: BLE001
             # A defect in an activity must end the program by its own failure path, not leave it waiting for ever.
             _log.exception("activity %s of state %s crashed", self._state.file.do, source)
             text = f"{self._state.file.do} crashed: {type(crash).__name__}: {crash}"
-            return Event("error.execution", {"message": text, "reason": "crashed", "source": source})
+            return Event("error.execution", {"message": text, "reason": "crashed", "_source": source})
         finally:
             with self._lock:
                 del self._running[ctx.cancelled]
@@ -409,105 +378,6 @@ class _ActivityInvoker:
 
 def _told(event: str) -> str:
     """An event's name, for people."""
-    if event.startswith((_TAKE, _STOP)):
+    if event.startswith((TAKE, STOP)):
         return "operator"
-    return {_AFTER: "time-out", _RETRY: "retry", _ALLOW: "operator"}.get(".".join(event.split(".")[:2]), event)
-
-
-def _initial(program: Program, states: Mapping[str, State], start_at: Iterable[str]) -> dict[str | None, str]:
-    """Parent (None: of all) → the child that is entered first, where the program itself does not say so or is overruled."""
-    initial: dict[str | None, str] = {}
-    for id in start_at:
-        if id not in states:
-            raise ValueError(f"start_at: got {id!r}; expected one of {', '.join(states)}")
-        for state in states[id].lineage():
-            above = state.parent
-            if above is not None and above.file.parallel:
-                continue
-            key = above.id if above is not None else None
-            if initial.setdefault(key, state.id) != state.id:
-                raise ValueError(f"start_at: {id!r} can't be active together with {initial[key]!r}")
-    return initial
-
-
-def _native(program: Program, initial: Mapping[str | None, str]) -> dict[str, Any]:
-    """The program in python-statemachine's own words, with a final state that StopRun leads to from everywhere."""
-    first = initial.get(None) or next((root.id for root in program.roots if root.file.initial), program.roots[0].id)
-    states = {state.id: _native_state(state, initial, state.id == first) for state in program.roots}
-    return {"name": program.name, "states": {**states, STOPPED: {"final": True}}}
-
-
-def _native_state(state: State, initial: Mapping[str | None, str], first: bool) -> dict[str, Any]:
-    """`first`: it is entered with its parent."""
-    if state.file.final:
-        return {"final": True, "initial": first}
-    native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel}
-    native["transitions"] = [
-        each for k, way in enumerate(state.transitions) for each in _native_ways(way, f"{state.id}.{k}")
-    ]
-    if state.file.retry:
-        native["transitions"].append({"event": f"{_RETRY}.{state.id}", "target": state.id})
-    native["transitions"] += [
-        _taken(way, f"{_TAKE}.{state.id}.{k}") for k, way in enumerate(state.transitions) if way.file.target
-    ]
-    if not state.children:
-        # First in each innermost state: no other transition of the program can take the event away.
-        native["transitions"].insert(0, {"event": _STOP, "target": STOPPED})
-    else:
-        entered = {initial[state.id]} if state.id in initial else {child.id for child in state.initial_children()}
-        native["states"] = {
-            child.id: _native_state(child, initial, not state.file.parallel and child.id in entered)
-            for child in state.children
-        }
-    if state.history:
-        native["history"] = {
-            name: {"type": state.history_type[name], "transitions": [_native_transition(way) for way in ways]}
-            for name, ways in state.history.items()
-        }
-    if state.file.do:
-        native["invoke"] = [{"type": _INVOKE_TYPE, "id": state.id}]
-    return native
-
-
-def _native_ways(way: Transition, key: str) -> list[dict[str, Any]]:
-    """A transition; where the operator may have to be asked, it is three: without asking, the question, and with his leave.
-
-    `key`: state and index, dotted.
-    """
-    native = _native_transition(way, f"{_AFTER}.{key}")
-    if not way.file.autonomy:
-        return [native]
-    free = f"autonomy_level > {AUTONOMY[way.file.autonomy]}"
-    asks = {name: native[name] for name in ("event", "cond") if name in native}
-    return [
-        native | {"cond": f"({native['cond']}) and {free}" if "cond" in native else free},
-        asks | {"on": [{"assign": {"location": "asked", "expr": repr(key)}}]},
-        {**native, "event": f"{_ALLOW}.{key}", "cond": "True"},
-    ]
-
-
-def _native_transition(way: Transition, timeout: str = "") -> dict[str, Any]:
-    """`timeout`: the event that comes when the time is over that the transition waits for, where it does."""
-    native: dict[str, Any] = {
-        key: value for key in ("event", "target", "cond") if (value := getattr(way.file, key)) is not None
-    }
-    if way.file.after is not None:
-        native["event"] = timeout
-    return native | _sets(way.file.set)
-
-
-def _taken(way: Transition, event: str) -> dict[str, Any]:
-    """The same way out for an operator who orders it: no guard, and nothing is set from the data of an event that did not come."""
-    known = {name: value for name, value in way.file.set.items() if "_event" not in str(value)}
-    return {"event": event, "target": way.file.target, **_sets(known)}
-
-
-def _sets(values: Mapping[str, Any]) -> dict[str, Any]:
-    if not values:
-        return {}
-    return {
-        "on": [
-            {"assign": {"location": name, "expr": expression if isinstance(expression, str) else repr(expression)}}
-            for name, expression in values.items()
-        ]
-    }
+    return {AFTER: "time-out", RETRY: "retry", ALLOW: "operator"}.get(".".join(event.split(".")[:2]), event)

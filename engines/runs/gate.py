@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 
 class RunGate:
@@ -18,12 +18,16 @@ class RunGate:
         """each waiting activity's cancellation → its state"""
         self._breakpoints: frozenset[str] = frozenset()
 
-    def admit(self, state: str, cancelled: threading.Event) -> bool:
-        """Wait until a state's activity may begin; False when it was cancelled instead (see `wake`)."""
+    def admit(self, state: str, cancelled: threading.Event, within: Sequence[str] = ()) -> bool:
+        """Wait until a state's activity may begin; False when it was cancelled instead (see `wake`).
+
+        :param within: states around it that begin with it
+        """
         why = ""
         with self._changed:
-            if self._open and (self._stepping or state in self._breakpoints):
-                why = f"one step on, before {state}" if self._stepping else f"breakpoint at {state}"
+            halt = next((each for each in (state, *within) if each in self._breakpoints), None)
+            if self._open and (self._stepping or halt):
+                why = f"one step on, before {state}" if self._stepping else f"breakpoint at {halt}"
                 self._open = self._stepping = False
             if self._open:
                 return not cancelled.is_set()

@@ -23,6 +23,8 @@ class Entry(msgspec.Struct, kw_only=True):
     bindings: dict[str, str]
     program: str
     """the program's text, as it was deployed: its file may be another one by now"""
+    parts: dict[str, str] = {}
+    """name → text of the programs that it runs"""
 
 
 class RunJournal:
@@ -35,7 +37,12 @@ class RunJournal:
 
     def write(self, deployed: Deployed, state: RunState) -> None:
         """Keep a run's state. A disk that takes nothing is logged: the run goes on."""
-        entry = Entry(state=state, bindings=dict(deployed.bindings), program=deployed.program.text)
+        entry = Entry(
+            state=state,
+            bindings=dict(deployed.bindings),
+            program=deployed.program.text,
+            parts=dict(deployed.program.texts),
+        )
         fresh = self._file.with_suffix(".new")
         try:
             fresh.write_bytes(msgspec.json.encode(entry))
@@ -54,9 +61,11 @@ class RunJournal:
         if entry.state.status not in ("ready", "running", "paused"):
             return None
         self._program.mkdir(exist_ok=True)
-        file = self._program / f"{entry.state.program}.yaml"
-        file.write_text(entry.program, encoding="utf-8")
+        files = {}
+        for name, text in {**entry.parts, entry.state.program: entry.program}.items():
+            files[name] = self._program / f"{name}.yaml"
+            files[name].write_text(text, encoding="utf-8")
         try:
-            return programs.read(file), entry
+            return programs.read(files[entry.state.program], files), entry
         except ConfigError as unsound:
             raise ValueError(str(unsound)) from unsound

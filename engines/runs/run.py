@@ -236,7 +236,7 @@ class ProgramRun:
         """How a run begins that goes on in a state with what this one has remembered."""
         with self._lock:
             why = f"before {state}, as asked" if paused else ""
-            return Start((state,), self._chart.variables(), dict(self._parameters), paused=why)
+            return Start((state,), self._chart.remembered(), dict(self._parameters), paused=why)
 
     def stop(self) -> None:
         """Cancel the motion and end; the robot holds. Refused when it has ended already."""
@@ -256,7 +256,7 @@ class ProgramRun:
 
     def _activity(self, state: State, values: Mapping[str, Any]) -> Activity:
         if again := self._chart.retries(state):
-            why = self._chart.words("{failure}")
+            why = self._chart.words("{failure}", state.scope)
             self._services.log("warning", f"{state.id}: once more ({again} of {state.file.retry}): {why}")
         return ACTIVITIES[state.file.do](replace(self._context, seeds=self._seeds.get(state.id, ())), values)
 

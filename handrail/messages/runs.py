@@ -116,7 +116,8 @@ class RunState(Message):
     active: list[str]
     """ids of the active states, outermost first"""
     data: dict[str, Any] = {}
-    """the program's variables as they stand, then its parameters; no name is both"""
+    """the program's variables as they stand, then its parameters; no name is both. Those of a program that an active state runs
+    have the state's id before their names: ``grasping/force``"""
     waiting: list[str] = []
     """active states that have not begun what they do, because the run is paused"""
     breakpoints: list[str] = []

@@ -52,7 +52,7 @@ def test_a_picture_names_every_state_guard_and_end(nested, tmp_path):
 @pytest.mark.parametrize("name", sorted(library.files()))
 def test_every_program_of_the_library_can_be_drawn(name, tmp_path):
     assert runner.invoke(app, ["show", name, str(tmp_path / "p.svg")]).exit_code == 0
-    assert {state.id for state in library.load(name).states()} <= texts(tmp_path / "p.svg")
+    assert {state.id for state in library.load(name).own_states()} <= texts(tmp_path / "p.svg")
 
 
 def test_what_can_not_be_drawn_says_why(nested, tmp_path, monkeypatch):

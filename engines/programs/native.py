@@ -1,0 +1,136 @@
+"""A program in python-statemachine's own words.
+
+Expressions of a program that a state of another one runs are marked with their scope (`engines.programs.expressions.within`). A
+failure is known only to the program whose activity has failed: a parallel region that runs another one hears nothing of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from engines.programs.check import STOPPED, takes
+from engines.programs.expressions import FAILED_IN, location, within
+from engines.programs.program import AUTONOMY, Program, State, Transition
+
+INVOKE_TYPE = "handrail"
+STOP = "handrail.stop"
+TAKE = "handrail.take"
+AFTER = "handrail.after"
+RETRY = "handrail.retry"
+ALLOW = "handrail.allow"
+
+
+def initial(states: Mapping[str, State], start_at: Iterable[str]) -> dict[str | None, str]:
+    """Parent (None: of all) → the child that is entered first, where the program itself does not say so or is overruled."""
+    initial: dict[str | None, str] = {}
+    for id in start_at:
+        if id not in states:
+            raise ValueError(f"start_at: got {id!r}; expected one of {', '.join(states)}")
+        for state in states[id].lineage():
+            above = state.parent
+            if above is not None and above.file.parallel:
+                continue
+            key = above.id if above is not None else None
+            if initial.setdefault(key, state.id) != state.id:
+                raise ValueError(f"start_at: {id!r} can't be active together with {initial[key]!r}")
+    return initial
+
+
+def chart(program: Program, initial: Mapping[str | None, str]) -> dict[str, Any]:
+    """The program, with a final state that StopRun leads to from everywhere."""
+    first = initial.get(None) or next((root.id for root in program.roots if root.file.initial), program.roots[0].id)
+    several = any(state.called is not None for state in program.states())
+    states = {state.id: _state(state, initial, state.id == first, several) for state in program.roots}
+    return {"name": program.name, "states": {**states, STOPPED: {"final": True}}}
+
+
+def _state(state: State, initial: Mapping[str | None, str], first: bool, several: bool) -> dict[str, Any]:
+    """`first`: it is entered with its parent; `several`: there are programs that others run."""
+    if state.file.final:
+        return {"final": True, "initial": first}
+    native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel}
+    native["transitions"] = [
+        each for k, way in enumerate(state.transitions) for each in _ways(way, state, f"{state.id}.{k}", several)
+    ]
+    if state.file.retry:
+        native["transitions"].append({"event": f"{RETRY}.{state.id}", "target": state.id})
+    native["transitions"] += [
+        _taken(way, state.scope, f"{TAKE}.{state.id}.{k}") for k, way in enumerate(state.transitions) if way.file.target
+    ]
+    if not state.children or any(child.file.final for child in state.children):
+        # First in each innermost state: no other transition of the program can take the event away.
+        native["transitions"].insert(0, {"event": STOP, "target": STOPPED})
+    if state.children:
+        entered = {initial[state.id]} if state.id in initial else {child.id for child in state.initial_children()}
+        native["states"] = {
+            child.id: _state(child, initial, not state.file.parallel and child.id in entered, several)
+            for child in state.children
+        }
+    if state.history:
+        native["history"] = {
+            name: {
+                "type": state.history_type[name],
+                "transitions": [_transition(way, state.scope, way.file.cond) for way in ways],
+            }
+            for name, ways in state.history.items()
+        }
+    if state.file.do and state.called is None:
+        native["invoke"] = [{"type": INVOKE_TYPE, "id": state.id}]
+    return native
+
+
+def _ways(way: Transition, state: State, key: str, several: bool) -> list[dict[str, Any]]:
+    """A transition; where the operator may have to be asked, it is three: without asking, the question, and with his leave.
+
+    `key`: state and index, dotted.
+    """
+    cond, timeout = way.file.cond, f"{AFTER}.{key}"
+    if several and takes(way, "error.execution"):
+        own = f"({FAILED_IN} == None or {FAILED_IN} == {state.scope!r})"
+        cond = f"({cond}) and {own}" if cond else own
+    if not way.file.autonomy:
+        return [_transition(way, state.scope, cond, timeout)]
+    free = f"autonomy_level > {AUTONOMY[way.file.autonomy]}"
+    native = _transition(way, state.scope, f"({cond}) and {free}" if cond else free, timeout)
+    question = _transition(way, state.scope, cond, timeout)
+    asks = {name: question[name] for name in ("event", "cond") if name in question}
+    return [
+        native,
+        asks | {"on": [{"assign": {"location": "asked", "expr": repr(key)}}]},
+        {**native, "event": f"{ALLOW}.{key}", "cond": "True"},
+    ]
+
+
+def _transition(way: Transition, scope: str, cond: str | None, timeout: str = "") -> dict[str, Any]:
+    """`timeout`: the event that comes when the time is over that the transition waits for, where it does."""
+    native: dict[str, Any] = {
+        key: value for key in ("event", "target") if (value := getattr(way.file, key)) is not None
+    }
+    if cond is not None:
+        native["cond"] = within(scope, cond)
+    if way.file.after is not None:
+        native["event"] = timeout
+    return native | _sets(way.file.set, scope)
+
+
+def _taken(way: Transition, scope: str, event: str) -> dict[str, Any]:
+    """The same way out for an operator who orders it: no guard, and nothing is set from the data of an event that did not come."""
+    known = {name: value for name, value in way.file.set.items() if "_event" not in str(value)}
+    return {"event": event, "target": way.file.target, **_sets(known, scope)}
+
+
+def _sets(values: Mapping[str, Any], scope: str) -> dict[str, Any]:
+    if not values:
+        return {}
+    return {
+        "on": [
+            {
+                "assign": {
+                    "location": location(scope, name),
+                    "expr": within(scope, expression if isinstance(expression, str) else repr(expression)),
+                }
+            }
+            for name, expression in values.items()
+        ]
+    }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from daemon.actions.motion_maker import MotionMaker
 from daemon.actions.table import ActionTable, Refusal
 from daemon.controllers.table import ControllerTable
 from daemon.devices import Devices
-from daemon.exchange import Answer, Command, CommandReader, Kind, PreparedMotion, Rule, decode
+from daemon.exchange import Answer, Command, CommandReader, Kind, MotionCommand, PreparedMotion, Rule, decode
 from daemon.life import Life
 from daemon.safety.rules import expired
 from daemon.state.taring import Taring
@@ -58,6 +59,25 @@ class Orders:
         self.answer = refusal or Refusal(Answer.ACCEPTED)
         return True
 
+    def _with_controllers(self, command: Command) -> Command | None:
+        """The command with the controllers that were made for its motions; None: one of them is not there.
+
+        Steps that are the same motion share one: only one of them runs at a time.
+        """
+        motions = (command.motion, *(step.motion for step in command.steps))
+        serials = dict.fromkeys(motion.prepared for motion in motions if isinstance(motion, PreparedMotion))
+        if not serials:
+            return command
+        made = {serial: self._maker.take(serial) for serial in serials}
+        if None in made.values():
+            return None
+
+        def ready(motion: MotionCommand | None) -> Any:
+            return replace(motion, controller=made[motion.prepared]) if isinstance(motion, PreparedMotion) else motion
+
+        steps = tuple(replace(step, motion=ready(step.motion)) for step in command.steps)
+        return replace(command, motion=ready(command.motion), steps=steps)
+
     def _do(self, command: Command, last: JointCommand, time_ns: int) -> Refusal | None:
         life, actions = self._life, self._actions
         match command.kind:
@@ -76,12 +96,10 @@ class Orders:
                     return Refusal(Answer.KEEPALIVE_LOST)
                 if life.guarded:
                     return Refusal(Answer.TOO_CLOSE)
-                if isinstance(command.motion, PreparedMotion):
-                    controller = self._maker.take(command.motion.prepared)
-                    if controller is None:
-                        return Refusal(Answer.NOT_READY)
-                    command = replace(command, motion=replace(command.motion, controller=controller))
-                refusal = actions.start(command, last, time_ns)
+                made = self._with_controllers(command)
+                if made is None:
+                    return Refusal(Answer.NOT_READY)
+                refusal = actions.start(made, last, time_ns)
                 if refusal is not None and refusal.answer is Answer.EXPIRED:
                     life.ledger.trip(Rule.EXPIRED, value=refusal.value)
                 return refusal

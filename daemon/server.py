@@ -41,6 +41,8 @@ from daemon.serving.validation import (
     check_sensor,
     check_start,
     check_stream,
+    joints_of,
+    within,
 )
 from daemon.serving.whole_body_door import WholeBodyDoor
 from daemon.state.bus_watch import BusWatch
@@ -65,6 +67,7 @@ _ANSWER_TIMEOUT_S = 3.0
 machine is busy. With the preparation's less than callers wait (handrail.topics.Caller)."""
 _PREPARE_TIMEOUT_S, _PREPARE_PERIOD_S = 1.5, 0.01
 """for how long, and how often, the server asks whether a controller that takes long to make is there"""
+_MAKING_AT_ONCE = 16
 _STOP_TIMEOUT_S = 0.3
 _STATUS_PERIOD_S = 0.2
 _WATCH_PERIOD_S = 0.1
@@ -97,8 +100,8 @@ class Server:
         self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
         self._whole_body = WholeBodyDoor(description)
-        self._making: tuple[tuple[m.WholeBody | None, int], int] = (None, 0), 0
-        """what the loop is making, in which life of the loop, and the serial under which it was asked for"""
+        self._making: dict[tuple[bytes, int], int] = {}
+        """what the loop is making (encoded), in which life of the loop → the serial under which it was asked for"""
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
@@ -338,14 +341,14 @@ class Server:
         if self._journal.serial(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
         moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
-        joints = moving.joints or (list(self._joints) if isinstance(moving, m.WholeBody) else [])
+        joints = list(joints_of(moving, self._description))
         if isinstance(call, m.StartBehaviour):
             joints = [*joints, *dict.fromkeys(step.gripper.gripper for step in call.steps if step.gripper is not None)]
         self._leases.check(call.owner, joints, call.lease, call.sequence)
         owner = self._owners.number
         if isinstance(call, m.StartAction):
             check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
-            prepared = self._prepare(call, snapshot) if isinstance(moving, m.WholeBody) else 0
+            prepared = self._prepare([call], snapshot).get(0, 0)
             serial = self._count()
             started = Started(serial, call.id, call.owner, call.ends, joints)
             header, payload = exchange.encode_start(
@@ -353,11 +356,12 @@ class Server:
             )
         else:
             orders = check_behaviour(call, self._description, self._frames, snapshot, self._mailbox.floats)
+            made = self._prepare(call.steps, snapshot)
             serial = self._count()
             steps = [(step.name, step.ends) for step in call.steps]
             started = Started(serial, call.id, call.owner, [], joints, steps)
             header, payload = exchange.encode_behaviour(
-                call, serial, owner(call.owner), self._joints, self._frames, self._devices, orders
+                call, serial, owner(call.owner), self._joints, self._frames, self._devices, orders, made
             )
         self._owners.check_in(call.owner)
         self._journal.begin(started)
@@ -404,28 +408,53 @@ class Server:
             part=lease.part, owner=lease.owner, epoch=lease.epoch, sequence=self._leases.sequence(call.owner)
         )
 
-    def _prepare(self, call: m.StartAction, snapshot: np.ndarray) -> int:
-        """Have the loop make a whole-body motion's controller; the serial under which it lies ready. RefusedError: not yet."""
+    def _prepare(self, asked: Sequence[m.StartAction | m.Step], snapshot: np.ndarray) -> dict[int, int]:
+        """Have the loop make the controllers of all whole-body motions among these: row → the serial under which its lies ready.
+
+        RefusedError: what is wrong with one, or that they are not ready yet.
+        """
         gives_up = time.monotonic() + _PREPARE_TIMEOUT_S
-        while not self._whole_body.open(_PREPARE_PERIOD_S):
-            self._publish_news()
-            if time.monotonic() > gives_up:
-                raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
-        motion = self._whole_body.checked(call, snapshot["position"], self._mailbox.floats)
-        making, serial = self._making
-        if making == (motion, self._generation):  # asked for before: its caller was told to call again
-            answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=serial))
-        else:
-            serial = self._count()
-            answer = self._post(*exchange.encode_prepare(motion, serial))
-            self._making = (motion, self._generation), serial
-        while answer is not None and answer[0] == exchange.Answer.NOT_READY and time.monotonic() < gives_up:
-            self._doorbell.wait(_PREPARE_PERIOD_S)
-            answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=serial))
+        checked = {}
+        for row, one in enumerate(asked):
+            if not isinstance(one.motion, m.WholeBody):
+                continue
+            while not self._whole_body.open(_PREPARE_PERIOD_S):
+                self._publish_news()
+                if time.monotonic() > gives_up:
+                    raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
+            with within(f"steps[{row}]" if isinstance(one, m.Step) else ""):
+                position = snapshot["position"]
+                checked[row] = self._whole_body.checked(one.motion, one.ends, position, self._mailbox.floats)
+        keys = {row: (msgspec.msgpack.encode(motion), self._generation) for row, motion in checked.items()}
+        for row, key in keys.items():  # all of them, before any is waited for
+            if key not in self._making:
+                self._begin_making(key, checked[row])
+        for key in keys.values():
+            self._await_made(key, gives_up)
+        made = {row: self._making[key] for row, key in keys.items()}
+        for key in set(keys.values()):
+            del self._making[key]
+        return made
+
+    def _begin_making(self, key: tuple[bytes, int], motion: m.WholeBody) -> None:
+        waiting = [(known, serial) for known, serial in self._making.items() if known[1] == self._generation]
+        self._making = dict(waiting[-_MAKING_AT_ONCE:])  # the loop forgets what nobody came for, too
+        self._making[key] = serial = self._count()
+        answer = self._post(*exchange.encode_prepare(motion, serial))
         if answer is None or answer[0] != exchange.Answer.NOT_READY:
-            self._making = (None, 0), 0
+            del self._making[key]
+            self._require_accepted(answer)
+
+    def _await_made(self, key: tuple[bytes, int], gives_up: float) -> None:
+        """RefusedError: it has not been made before then (asked for again, it may be), or can't be."""
+        while True:
+            answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=self._making[key]))
+            if answer is None or answer[0] != exchange.Answer.NOT_READY or time.monotonic() >= gives_up:
+                break
+            self._doorbell.wait(_PREPARE_PERIOD_S)
+        if answer is None or answer[0] not in (exchange.Answer.NOT_READY, exchange.Answer.ACCEPTED):
+            del self._making[key]
         self._require_accepted(answer)
-        return serial
 
     def _stream(self, call: m.StreamPose) -> None:
         check_stream(call)

@@ -6,6 +6,7 @@ They are found by name in the workspace's folder `behaviours`, then among those 
 from __future__ import annotations
 
 import fnmatch
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +49,7 @@ SOME_ARM = Part("tip", ("*",))
 class _File(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     steps: Annotated[list[Step], Meta(min_length=1, max_length=16)]
     joints: list[Name] = []
-    """of every motion that names none: joints, groups of the robot, globs"""
+    """of every motion that names none: joints, groups of the robot, globs; whole-body motions without any move all of them"""
     frame: str = ""
     """of every motion and end condition that names none"""
     gripper: str = ""
@@ -138,6 +139,8 @@ def find(name_or_file: str | Path) -> Path:
 def _fill(step: dict[str, Any], file: dict[str, Any]) -> None:
     motion, ends = step.get("motion"), step.get("ends")
     if isinstance(motion, dict):
+        if isinstance(compound := motion.get("compound"), dict):
+            motion["compound"] = json.dumps(config.plain(compound))  # as the message has it: a name, or its text
         if "joints" in file:
             motion.setdefault("joints", file["joints"])
         if "frame" in file and motion.get("type") not in ("joint_trajectory", "joint_target"):

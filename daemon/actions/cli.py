@@ -9,11 +9,24 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, Part, files, find
 from handrail.config import ConfigError
-from handrail.messages import ActionEvent, CancelAction, CheckIn, DaemonStatus, Enable, GetRobot, RobotInfo
+from handrail.messages import (
+    NOT_READY,
+    ActionEvent,
+    CancelAction,
+    CheckIn,
+    DaemonStatus,
+    Enable,
+    GetRobot,
+    RobotInfo,
+    StartBehaviour,
+    WholeBody,
+)
+from handrail.robot import description as robots
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 
@@ -22,6 +35,10 @@ _BEHAVIOUR = typer.Argument(
     help="A name that `list` tells, or a YAML file (docs/compliant_motion.md).", metavar="BEHAVIOUR"
 )
 _CHECK_IN_S, _SILENCE_S = 0.25, 5.0
+_ANSWER_S, _MAKING_S = 10.0, 300.0
+"""for the answer to a start, which the server may load libraries for; for the controllers of whole-body steps"""
+_LARGEST = 1 << 18
+"""numbers that a command may have: the mailbox's room"""
 
 
 @app.callback()
@@ -43,11 +60,19 @@ def list_() -> None:
 
 
 @app.command()
-def check(behaviour: Annotated[str, _BEHAVIOUR]) -> None:
-    """Read a behaviour, and say what is wrong with it."""
+def check(
+    behaviour: Annotated[str, _BEHAVIOUR],
+    robot: Annotated[
+        str, typer.Option(help="Try it on this robot, too: its joints, frames, limits, compound tasks.")
+    ] = "",
+    arm: Annotated[str, typer.Option(help="The arm that does it, as of `run`; with --robot.")] = "",
+) -> None:
+    """Read a behaviour, and say what is wrong with it. No robot need be up."""
     try:
         found = BehaviourFile(find(behaviour), SOME_ARM)
-    except ConfigError as error:
+        if robot:
+            _try_on(find(behaviour), robot, arm)
+    except (ValueError, RefusedError) as error:
         sys.exit(f"handrail behaviour check: {error}")
     print(", ".join(step.name for step in found.steps))
 
@@ -78,6 +103,28 @@ def run(
     raise typer.Exit(0 if good else 1)
 
 
+def _try_on(file: Path, robot: str, arm: str) -> None:
+    """Whether the daemon would take it of a robot in its home posture. Raises ConfigError, ValueError, RefusedError."""
+    from daemon import exchange
+    from daemon.server import robot_info
+    from daemon.serving.validation import check_behaviour, within
+    from daemon.serving.whole_body_door import WholeBodyDoor
+
+    description = robots.load(robot)
+    info = robot_info(description)
+    call = BehaviourFile(file, _part(info, arm)).call("check", "check", info)
+    stands = np.zeros((), exchange.snapshot_dtype(description))
+    stands["flags"], stands["position"] = exchange.Flag.ENABLED, description.home_position()
+    stands["command"][0] = description.home_position()
+    check_behaviour(call, description, exchange.frame_names(description), stands, _LARGEST)
+    door = WholeBodyDoor(description)
+    for number, step in enumerate(call.steps):
+        if isinstance(step.motion, WholeBody):
+            door.open(_MAKING_S)
+            with within(f"steps[{number}]"):
+                door.checked(step.motion, step.ends, stands["position"], _LARGEST)
+
+
 def _part(robot: RobotInfo, arm: str) -> Part | None:
     if not arm:
         return None
@@ -95,7 +142,7 @@ def _run(behaviour: BehaviourFile, robot: RobotInfo, caller: Caller, place: Runt
         if enable:
             caller.call(Enable())
             _await_status(events, enabled=True)
-        caller.call(call)
+        _start(caller, call)
         began: int | None = None
         next_check_in = 0.0
         while True:
@@ -113,6 +160,18 @@ def _run(behaviour: BehaviourFile, robot: RobotInfo, caller: Caller, place: Runt
             print(_line(event, began), flush=True)
             if event.state == "ended":
                 return behaviour.expected(event.step, event.outcome)
+
+
+def _start(caller: Caller, call: StartBehaviour) -> None:
+    """Once the controllers of its whole-body steps are made. Raises RefusedError, Unreachable."""
+    gives_up = time.monotonic() + _MAKING_S
+    while True:
+        try:
+            caller.call(call, timeout_s=_ANSWER_S)
+            return
+        except RefusedError as error:  # asked again at once: the daemon waits a while for them each time
+            if error.refusal.value != NOT_READY or time.monotonic() > gives_up:
+                raise
 
 
 def _await_status(events: Subscriber, *, enabled: bool) -> None:

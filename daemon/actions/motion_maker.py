@@ -18,7 +18,8 @@ from daemon.controllers.base import Gains, MotionController
 from daemon.exchange import Answer
 from handrail.robot.kinematics import Kinematics
 
-_AT_ONCE = 4
+_AT_ONCE = 24
+"""more than the steps of a behaviour"""
 _PATIENCE_S = 300.0
 """s of wall time that a start waits in lock-step: where nothing was compiled yet, it takes minutes"""
 

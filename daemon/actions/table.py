@@ -316,9 +316,9 @@ class ActionTable:
         if refusal is None and (refusal := self._gripper_refuses(step)) is not None:
             action.detail = "its gripper does not answer"
         if refusal is None:
+            held = action.controller.clock.held  # whoever paused it has paused what follows, too
             controller = for_motion(step.motion, self._manager.gains, self._robot.period)
-            # Whoever paused it has paused what follows, too.
-            controller.clock.begin(action.speed * self.speed, action.controller.clock.held)
+            controller.clock.begin(action.speed * self.speed, held)
             try:
                 self._manager.switch([action.controller], [controller], last)
             except (ClaimError, ActivationError) as error:

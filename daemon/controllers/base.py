@@ -209,6 +209,9 @@ class MotionController(Controller):
         """N, what a path-force integrator adds now."""
         return 0.0
 
+    def renew(self) -> None:
+        """It was made beforehand, and will start: from its path's beginning, though it may have run before."""
+
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
         """A streamed reference (exchange.StreamedReference). False: nothing is streamed here under this name."""
         return False

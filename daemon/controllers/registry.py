@@ -32,13 +32,20 @@ from daemon.exchange import (
     TrajectoryMotion,
 )
 
+
+def _prepared(motion: PreparedMotion, gains: Gains, period: float) -> MotionController:
+    controller: MotionController = motion.controller
+    controller.renew()
+    return controller
+
+
 MOTIONS: dict[type, Callable[[Any, Gains, float], MotionController]] = {
     TrajectoryMotion: JointTrajectory,
     CartesianMotion: CartesianImpedance,
     TaskFrameMotion: CompliantMotion,
     StreamMotion: JointStream,
     TargetMotion: JointTarget,
-    PreparedMotion: lambda motion, gains, period: motion.controller,
+    PreparedMotion: _prepared,
 }
 """decoded motion (daemon.exchange) → what makes a controller of it, of the robot's gains and of the loop's period in s. That
 happens in a cycle, so it takes some 50 µs at most: arrays, no imports, nothing to be compiled."""

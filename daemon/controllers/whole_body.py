@@ -96,6 +96,10 @@ class WholeBodyControl(MotionController):
         """Which constraint blocks the others, once they have excluded each other for too long."""
         return self.body.result.why if self._unsolved * self._period > PATIENCE else ""
 
+    def renew(self) -> None:
+        self.clock = PathClock(self.clock.length, self._period)
+        self._streams, self._unsolved = {}, 0
+
     def activate(self, robot: RobotState, last: JointCommand) -> None:
         # From what is commanded, not measured: what the robot leans on now, it goes on leaning on.
         base, still = robot.base, np.zeros(len(last.position))

@@ -49,6 +49,7 @@ _OF_DEVICES = (Kind.DEVICE, Kind.RELAY, Kind.TARE)
 _OF_CONTROLLERS = (Kind.LOAD, Kind.CONFIGURE, Kind.SWITCH, Kind.UNLOAD)
 _OF_GRIPPERS = GripperHoldsEnd | GripperAtEnd
 _NOBODYS: Mapping[str, int] = {}
+_NOTHING: Mapping[int, int] = {}
 _END_VALUES: dict[type, str] = {
     TimeEnd: "after",
     PoseErrorEnd: "position",
@@ -155,10 +156,12 @@ def encode_behaviour(
     frame_index: Mapping[str, int],
     device_index: Mapping[str, int] = _NOBODYS,
     orders: Mapping[int, tuple[float, float, float]] | None = None,
+    prepared: Mapping[int, int] = _NOTHING,
 ) -> tuple[np.ndarray, NDArray[np.float64]]:
     """(header, payload) of a StartBehaviour that the server has checked already; see `encode_start`.
 
-    `orders`: row of each step that moves a gripper → position, velocity, effort, none of them left out.
+    `orders`: row of each step that moves a gripper → position, velocity, effort, none of them left out; `prepared`: row of each
+    whole-body step → serial of the PREPARE that made its controller.
     """
     header = encode_command(Kind.BEHAVIOUR, serial, owner=owner, value=message.hold_after_s)
     header["expires_ns"], header["most_steps"] = message.expires_ns, message.most_steps
@@ -166,7 +169,8 @@ def encode_behaviour(
     parts = []
     for number, step in enumerate(message.steps):
         action = StartAction(id=message.id, owner=message.owner, motion=step.motion, ends=step.ends)
-        own, payload = encode_start(action, serial, owner, joint_index, frame_index, device_index=device_index)
+        made = prepared.get(number, 0)
+        own, payload = encode_start(action, serial, owner, joint_index, frame_index, made, device_index)
         own["device"] = -1
         if step.gripper is not None:
             own["device"] = device_index[step.gripper.gripper]

@@ -5,9 +5,10 @@ What only the loop can know in the cycle that starts the action (claims, a stop 
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -27,16 +28,17 @@ from handrail.messages import (
     GripperAtEnd,
     GripperHoldsEnd,
     GripperOrder,
-    JointsMotion,
     JointStream,
     JointTarget,
     JointTrajectory,
     LoadController,
+    Motion,
     PoseErrorEnd,
     PostureKnots,
     StallEnd,
     StartAction,
     StartBehaviour,
+    StepMotion,
     StreamJoints,
     StreamPose,
     SwitchRelay,
@@ -70,12 +72,6 @@ def check_start(
     the mailbox, in numbers.
     """
     _check_call(message, snapshot)
-    if isinstance(message.motion, WholeBody):
-        if message.motion.joints:
-            _rows(message.motion.joints, description)
-        _check_finite(message.motion.duration, "motion.duration")  # the rest: daemon.serving.whole_body_door
-        _check_ends(message.ends, description, frames)
-        return
     if isinstance(message.motion, JointStream):
         _rows(message.motion.joints, description)
         for field in ("bridge", "expiry", "speed"):
@@ -104,20 +100,18 @@ def check_behaviour(
     numbers = 0
     for number, step in enumerate(message.steps):
         place = f"steps[{number}]"
-        try:
+        with within(place):
             _check_action(step.motion, step.ends, description, frames, snapshot, largest_payload)
             if number == 0 and isinstance(step.motion, JointTrajectory):
                 _check_first_knot(step.motion, snapshot["command"][0][_rows(step.motion.joints, description)])
             if step.gripper is not None:
                 orders[number] = _check_order(step.gripper, description)
-        except RefusedError as error:
-            found = error.refusal
-            raise refuse(found.message, f"{place}.{found.field}", found.value, found.expected) from error
         if step.name in [*names[:number], "end"]:
             raise refuse("a step is called like another", f"{place}.name", step.name, "a name of its own, not `end`")
-        if set(step.motion.joints) != set(message.steps[0].motion.joints):
+        moved = joints_of(step.motion, description)
+        if set(moved) != set(joints_of(message.steps[0].motion, description)):
             field, expected = f"{place}.motion.joints", "those of steps[0]"
-            raise refuse("each step moves the same joints", field, ", ".join(step.motion.joints), expected)
+            raise refuse("each step moves the same joints", field, ", ".join(moved), expected)
         kinds = {str(end.__struct_config__.tag) for end in step.ends}
         ways = {"done", *kinds, *(f"ends[{row}]" for row in range(len(step.ends)))}
         for how, to in step.then.items():
@@ -131,15 +125,27 @@ def check_behaviour(
     return orders
 
 
-def _check_order(order: GripperOrder, description: RobotDescription) -> tuple[float, float, float]:
+@contextlib.contextmanager
+def within(place: str) -> Iterator[None]:
+    """What is refused inside is about a part of the call: `place` stands before its field, where there is one."""
     try:
-        return check_gripper(CommandGripper(**msgspec.structs.asdict(order)), description)[1]
+        yield
     except RefusedError as error:
         found = error.refusal
-        raise refuse(found.message, f"gripper.{found.field}", found.value, found.expected) from error
+        raise refuse(found.message, f"{place}.{found.field}".lstrip("."), found.value, found.expected) from error
 
 
-def _numbers(motion: JointsMotion) -> int:
+def joints_of(motion: Motion, description: RobotDescription) -> Sequence[str]:
+    """The joints that it moves; a whole-body motion that names none moves all."""
+    return motion.joints or (description.joints if isinstance(motion, WholeBody) else [])
+
+
+def _check_order(order: GripperOrder, description: RobotDescription) -> tuple[float, float, float]:
+    with within("gripper"):
+        return check_gripper(CommandGripper(**msgspec.structs.asdict(order)), description)[1]
+
+
+def _numbers(motion: StepMotion) -> int:
     """At most so many of the payload."""
     return len(motion.times) * (1 + 2 * len(motion.joints)) if isinstance(motion, JointTrajectory) else 64
 
@@ -155,13 +161,19 @@ def _check_call(message: StartAction | StartBehaviour, snapshot: np.ndarray) -> 
 
 
 def _check_action(
-    motion: JointsMotion,
+    motion: StepMotion,
     ends: Sequence[EndCondition],
     description: RobotDescription,
     frames: Collection[str],
     snapshot: np.ndarray,
     largest_payload: int,
 ) -> None:
+    if isinstance(motion, WholeBody):
+        if motion.joints:
+            _rows(motion.joints, description)
+        _check_finite(motion.duration, "motion.duration")  # the rest: daemon.serving.whole_body_door
+        _check_ends(ends, description, frames)
+        return
     rows = _rows(motion.joints, description)
     if isinstance(motion, JointTrajectory):
         commanded = snapshot["command"][0][rows]

@@ -51,13 +51,13 @@ class WholeBodyDoor:
 
         self._model = WholeBodyModel.of(Kinematics(self._description))
 
-    def checked(self, call: m.StartAction, position: np.ndarray, largest_payload: int) -> m.WholeBody:
-        """The call's motion with its compound as one JSON object, which the loop can read at once. `position` (n,) rad: where the
+    def checked(
+        self, motion: m.WholeBody, ends: Sequence[m.EndCondition], position: np.ndarray, largest_payload: int
+    ) -> m.WholeBody:
+        """The motion with its compound as one JSON object, which the loop can read at once. `position` (n,) rad: where the
         robot is. Raises RefusedError. Only behind an open door."""
         from daemon.wbc import composition
 
-        motion = call.motion
-        assert isinstance(motion, m.WholeBody)
         self._model.place(position, np.zeros(len(position)))
         moved = set(motion.joints or self._description.joints)
         led = [joint for joint in self._description.joints if joint not in moved]
@@ -79,7 +79,7 @@ class WholeBodyDoor:
                     raise refuse("the motion does not move it", f"{field}.joints", joint, "one of motion.joints")
             if any(other.task == reference.task for other in motion.references[:number]):
                 raise refuse("a task has one reference", f"{field}.task", reference.task, "each task once")
-        _check_ends(call.ends, compound)
+        _check_ends(ends, compound)
         return msgspec.structs.replace(motion, compound=msgspec.json.encode(compound).decode())
 
     def _check_reference(

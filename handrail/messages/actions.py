@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from handrail.messages.base import Message, Name, NonNegative, travels
 from handrail.messages.end_conditions import EndCondition
-from handrail.messages.motions import JointsMotion, Motion
+from handrail.messages.motions import Motion, StepMotion
 
 
 @travels(priority=2, remote=True)
@@ -77,7 +77,7 @@ class Step(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One action of a behaviour."""
 
     name: Name
-    motion: JointsMotion
+    motion: StepMotion
     gripper: GripperOrder | None = None
     """sent off in the cycle in which the step begins; it follows that until its next order, whatever becomes of the behaviour, so
     that what it holds is not let go"""
@@ -93,7 +93,8 @@ class StartBehaviour(Message):
 
     To everybody it is one action: cancelled, paused and resumed by its `id`, with an ActionEvent at every step. Each step moves the
     same joints. Refused as StartAction is, with `steps[i]` before the field; what a step's end is not told to lead to, an
-    operator's stop or cancellation say, ends the behaviour. A joint trajectory has to start within 0.02 rad of what the robot is
+    operator's stop or cancellation say, ends the behaviour. Whole-body steps are made before the first one begins, which may be
+    refused with NOT_READY: call again. A joint trajectory has to start within 0.02 rad of what the robot is
     commanded when its turn comes: else the behaviour ends with `step_refused`.
     """
 

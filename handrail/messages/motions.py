@@ -168,4 +168,7 @@ class JointStream(msgspec.Struct, tag="joint_stream", kw_only=True, forbid_unkno
     """rad/s: a sample that is elsewhere than the joints are commanded to be is gone to no faster"""
 
 
-Motion = JointsMotion | WholeBody | JointStream
+StepMotion = JointsMotion | WholeBody
+"""those that may be a step of a behaviour"""
+
+Motion = StepMotion | JointStream

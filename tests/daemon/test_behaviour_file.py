@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,15 +11,16 @@ import pytest
 from typer.testing import CliRunner
 
 from daemon.actions.cli import app
-from daemon.exchange import Kind, Outcome
+from daemon.exchange import Answer, Kind, Outcome, PreparedMotion
 from daemon.server import robot_info
 from handrail.behaviour_file import BehaviourFile, Part, find
 from handrail.config import ConfigError
-from handrail.messages import CompliantMotion, ContactEnd
+from handrail.messages import CompliantMotion, ContactEnd, WholeBody
 from handrail.robot import description as robots
 from tests.daemon.test_server import Rig
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "press_wall.yaml"
+WHOLE_BODY = EXAMPLE.with_name("reach_and_press.yaml")
 
 
 @pytest.fixture
@@ -97,3 +99,82 @@ def test_run_says_why_the_daemon_refuses(rig: Rig) -> None:
     ran = CliRunner().invoke(app, ["run", str(EXAMPLE), "--runtime", str(rig.runtime.folder)])
     assert ran.exit_code == 1
     assert "the robot is not enabled" in str(ran.exception) + ran.output
+
+
+def test_a_whole_body_step_may_have_its_compound_task_written_in_it_and_moves_all_joints() -> None:
+    robot = robot_info(robots.load("talos_upper"))
+    approach, press, retreat = BehaviourFile(WHOLE_BODY).call("x", "me", robot).steps
+    assert isinstance(approach.motion, WholeBody)
+    assert isinstance(retreat.motion, WholeBody)
+    assert (approach.motion.compound, approach.motion.joints, approach.motion.frame) == ("hand", [], "tool_right_tip")
+    assert retreat.motion.compound == '{"extends": "hand"}'
+    assert press.motion.joints == robot.joints
+
+
+def twice(tmp_path: Path) -> Path:
+    """A posture, the same once more, and a hand's pose."""
+    file = tmp_path / "twice.yaml"
+    posture = "motion: {type: whole_body, compound: posture, duration: 1}"
+    hand = "motion: {type: whole_body, compound: hand, frame: tool_right_tip}"
+    steps = [f"  - {{name: {name}, {what}}}" for name, what in (("a", posture), ("b", posture), ("c", hand))]
+    file.write_text("\n".join(["steps:", *steps]))
+    return file
+
+
+def test_whole_body_steps_are_made_before_the_behaviour_starts_and_those_that_are_the_same_only_once(
+    rig: Rig, tmp_path: Path
+) -> None:
+    loop = rig.start_loop()
+    player = threading.Thread(target=lambda: (loop.wait_for(Kind.BEHAVIOUR), loop.end_action(Outcome.DONE, joint=-1)))
+    player.start()
+    ran = CliRunner().invoke(app, ["run", str(twice(tmp_path)), "--runtime", str(rig.runtime.folder)])
+    player.join()
+    assert ran.exit_code == 0, ran.output
+    made = [command.serial for command in loop.commands if command.kind is Kind.PREPARE and command.text]
+    motions = [step.motion for step in loop.wait_for(Kind.BEHAVIOUR).steps]
+    assert all(isinstance(motion, PreparedMotion) for motion in motions)
+    assert [motion.prepared for motion in motions] == [made[0], made[0], made[1]]
+    assert [len(motion.joints) for motion in motions] == [len(rig.description.joints)] * 3
+
+
+def test_run_asks_again_while_a_step_is_still_being_made(rig: Rig, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("daemon.server._PREPARE_TIMEOUT_S", 0.0)
+    loop = rig.start_loop()
+    loop.answers[Kind.PREPARE] = (Answer.NOT_READY, -1, 0.0)
+    looks: list[int] = []
+
+    def play() -> None:
+        while len(looks) < 3:
+            loop.wait_for(Kind.PREPARE)
+            looks[:] = [one.serial for one in loop.commands if one.kind is Kind.PREPARE and not one.text]
+        loop.answers[Kind.PREPARE] = (Answer.ACCEPTED, -1, 0.0)
+        loop.wait_for(Kind.BEHAVIOUR)
+        loop.end_action(Outcome.DONE, joint=-1)
+
+    player = threading.Thread(target=play)
+    player.start()
+    ran = CliRunner().invoke(app, ["run", str(twice(tmp_path)), "--runtime", str(rig.runtime.folder)])
+    player.join()
+    assert ran.exit_code == 0, ran.output
+    begun = [command for command in loop.commands if command.kind is Kind.PREPARE and command.text]
+    assert len(begun) == 2, "though it was asked for three times or more"
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "told"),
+    [
+        ("hand, duration: 1.0", "hnd, duration: 1.0", r"no such task; field steps\[2\].motion.references\[0\].task"),
+        ("compound: hand #", "compound: hnad #", r"no such compound task.*field steps\[0\].motion.compound"),
+        ('"*"', "arm_right", r"each step moves the same joints; field steps\[1\].motion.joints"),
+        ("frame: tool_right_tip", "frame: tool_rigt_tip", r"no such frame; field steps\[0\].ends\[0\].frame"),
+        ("frame: tool_right_tip", "frame: tool_right_tip", ""),
+    ],
+)
+def test_check_tries_a_behaviour_on_a_robot_that_is_not_up(tmp_path: Path, was: str, becomes: str, told: str) -> None:
+    text = WHOLE_BODY.read_text()
+    assert was in text
+    file = tmp_path / "press.yaml"
+    file.write_text(text.replace(was, becomes))
+    ran = CliRunner().invoke(app, ["check", str(file), "--robot", "talos_upper"])
+    assert ran.exit_code == (1 if told else 0), ran.output
+    assert re.search(told or "approach, press, retreat", str(ran.exception) + ran.output)

@@ -11,7 +11,6 @@ from benchmarks import daemon, wake_ups
 from benchmarks.daemon import Cycles
 from benchmarks.wake_ups import WakeUps
 from daemon.serving.whole_body_door import WholeBodyDoor
-from handrail.messages import StartAction
 from handrail.robot import description as robots
 
 GOALS = {"wall clock, p50": "≤ 150", "wall clock, p99": "≤ 350", "lock-step, p50": "≤ 100"}
@@ -26,8 +25,7 @@ def test_the_robot_of_the_benchmark_takes_its_motion_of_five_tasks() -> None:
     assert robot.period_ns == 1_000_000
     door = WholeBodyDoor(robot)
     assert door.open(120.0)
-    call = StartAction(id="five", owner="bench", motion=daemon.motion(robot))
-    checked = door.checked(call, robot.home_position(), 1 << 18)
+    checked = door.checked(daemon.motion(robot), (), robot.home_position(), 1 << 18)
     assert len(json.loads(checked.compound)["levels"]) == 5
 
 

@@ -68,7 +68,9 @@ class FakeLoop:
                 command = exchange.decode(*mail, self._frames, self._devices)
                 self.mailbox.done()
                 self.commands.append(command)
-                answer = self.answers.get(command.kind, (Answer.ACCEPTED, -1, 0.0))
+                begun = command.kind is Kind.PREPARE and command.text  # it will be there when it is asked for
+                usual = Answer.NOT_READY if begun else Answer.ACCEPTED
+                answer = self.answers.get(command.kind, (usual, -1, 0.0))
                 with self._lock:
                     self.snapshot["answered"] = command.serial
                     self.snapshot["answer"], self.snapshot["answer_joint"], self.snapshot["answer_value"] = answer

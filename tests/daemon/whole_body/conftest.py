@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from daemon.exchange import Answer, Kind
 from daemon.replay.tape import TapeWriter
 from daemon.serving.whole_body_door import WholeBodyDoor
 from hal.plant.scene import EMPTY, Scene
-from handrail.messages import EndCondition, StartAction, StreamPose, WholeBody
+from handrail.messages import EndCondition, StartAction, StartBehaviour, Step, StreamPose, WholeBody
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from tests.daemon.compliant.conftest import InPlant
@@ -40,12 +41,30 @@ class WholeBodyBench(InPlant):
     def begin(self, motion: WholeBody, ends: tuple[EndCondition, ...] = ()) -> Answer:
         """Check, prepare and start a motion; in lock-step the start waits until it is prepared."""
         call = StartAction(id="a", owner="o", motion=motion, ends=list(ends))
-        checked = self.door.checked(call, self.loop.robot.joints.position, 1 << 18)
+        prepared = self.prepare(motion, ends)
+        self.started = self._count()
+        self._mailbox.post(*exchange.encode_start(call, self.started, 1, self._joints, self._frames, prepared))
+        return Answer(int(self.run()["answer"]))
+
+    def prepare(self, motion: WholeBody, ends: Sequence[EndCondition]) -> int:
+        """Check a motion, and have its controller made; under which serial."""
+        checked = self.door.checked(motion, ends, self.loop.robot.joints.position, 1 << 18)
         prepared = self._count()
         self._mailbox.post(*exchange.encode_prepare(checked, prepared))
         self.run()
+        return prepared
+
+    def begin_behaviour(self, *steps: Step, **fields: Any) -> Answer:
+        """Likewise of a behaviour's whole-body steps; those that are the same motion share a controller."""
+        serials: dict[int, int] = {}
+        for row, step in enumerate(steps):
+            if isinstance(step.motion, WholeBody):
+                same = [known for known in serials if steps[known].motion == step.motion]
+                serials[row] = serials[same[0]] if same else self.prepare(step.motion, step.ends)
+        call = StartBehaviour(id="a", owner="o", steps=list(steps), **fields)
         self.started = self._count()
-        self._mailbox.post(*exchange.encode_start(call, self.started, 1, self._joints, self._frames, prepared))
+        meant = (self._joints, self._frames, self._devices, {}, serials)
+        self._mailbox.post(*exchange.encode_behaviour(call, self.started, 1, *meant))
         return Answer(int(self.run()["answer"]))
 
     def stream(self, task: str, **pose: tuple[float, ...]) -> None:

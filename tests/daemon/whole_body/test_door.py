@@ -21,6 +21,7 @@ from daemon.wbc.tasks import SE3
 from handrail import compound_tasks
 from handrail.messages import (
     DivergenceEnd,
+    EndCondition,
     FixedPose,
     FrameLine,
     Pose,
@@ -48,9 +49,14 @@ def call(compound: str = GOOD, references: tuple = (), ends: tuple = (), **field
     return StartAction(id="a", owner="o", motion=motion, ends=list(ends))
 
 
+def parts(asked: StartAction) -> tuple[WholeBody, list[EndCondition]]:
+    assert isinstance(asked.motion, WholeBody)
+    return asked.motion, asked.ends
+
+
 def refused(door: WholeBodyDoor, talos, asked: StartAction) -> RefusedError:
     with pytest.raises(RefusedError) as caught:
-        door.checked(asked, talos.home_position(), 1 << 18)
+        door.checked(*parts(asked), talos.home_position(), 1 << 18)
     return caught.value
 
 
@@ -104,9 +110,9 @@ def test_compound_tasks_have_names_and_a_text_may_extend_one(door, talos, monkey
     (tmp_path / "compound_tasks").mkdir()
     (tmp_path / "compound_tasks" / "mine.yaml").write_text(GOOD)
     monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
-    motion = door.checked(call("mine"), talos.home_position(), 1 << 18)
+    motion = door.checked(*parts(call("mine")), talos.home_position(), 1 << 18)
     text = "extends: mine\nlevels: [[{task: COM, axes: [x]}]]"
-    longer = door.checked(call(text), talos.home_position(), 1 << 18)
+    longer = door.checked(*parts(call(text)), talos.home_position(), 1 << 18)
     first = msgspec.json.decode(motion.compound, type=CompoundTask).levels
     assert isinstance(first[0][0], SE3)
     assert msgspec.json.decode(longer.compound, type=CompoundTask).levels[1:] == first, "its own levels first"
@@ -116,7 +122,7 @@ def test_every_compound_task_that_comes_with_handrail_fits_its_robot(door, talos
     names = [file.stem for folder in compound_tasks.folders(talos.folder) for file in folder.glob("*.yaml")]
     assert names
     for name in names:
-        door.checked(call(name, frame="tool_right_tip"), talos.home_position(), 1 << 18)
+        door.checked(*parts(call(name, frame="tool_right_tip")), talos.home_position(), 1 << 18)
 
 
 def test_what_is_prepared_started_and_streamed_comes_through_the_mailbox_as_it_was_sent() -> None:
@@ -165,7 +171,7 @@ def test_controllers_that_are_asked_for_at_once_are_made_one_after_the_other(
     in_plant, door, talos, monkeypatch
 ) -> None:
     bench = in_plant()
-    motion = door.checked(call(), talos.home_position(), 1 << 18)
+    motion = door.checked(*parts(call()), talos.home_position(), 1 << 18)
     made_from, inside, most = whole_body.made_from, [0], [0]
 
     def watched(*arguments) -> whole_body.WholeBodyControl:

@@ -1,4 +1,5 @@
-"""Arithmetic in files: ``2/3 * radius``, ``asin((tool_radius + spoke_radius) / engage_radius)``, ``120 * deg``.
+"""Arithmetic in files: ``2/3 * radius``, ``asin((tool_radius + spoke_radius) / engage_radius)``, ``120 * deg``, or the same
+as ``${2/3 * radius}``.
 
 Only numbers, names, ``+ - * / **``, signs and a few functions: the text is parsed, checked against this list and walked. It is
 never run as Python, so a file from elsewhere can compute numbers and nothing else.
@@ -11,6 +12,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180}
 """names that every expression knows; ``deg`` is one degree in radians"""
@@ -37,6 +39,7 @@ _BINARY: Mapping[type[ast.operator], Callable[[float, float], float]] = {
 }
 _UNARY: Mapping[type[ast.unaryop], Callable[[float], float]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 _LONGEST = 500
+_LARGEST = 10**15
 
 
 class ExpressionError(ValueError):
@@ -70,8 +73,17 @@ def parse(text: str | float) -> Expression:
     text = str(text)
     if len(text) > _LONGEST:
         raise ExpressionError(f"an expression of {len(text)} characters; expected at most {_LONGEST}")
+    return _parsed(text)
+
+
+@lru_cache(maxsize=4096)
+def _parsed(text: str) -> Expression:
+    """Kept: a template is resolved again and again while a parameter is dragged."""
+    inside = text.strip()
+    if inside.startswith("${") and inside.endswith("}"):
+        inside = inside[2:-1].strip()
     try:
-        body = ast.parse(text.strip(), mode="eval").body
+        body = ast.parse(inside, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
         raise ExpressionError(f"{text!r} is not an expression; expected arithmetic such as 2 * radius") from problem
     names: set[str] = set()
@@ -84,6 +96,10 @@ def parse(text: str | float) -> Expression:
 
 def evaluate(text: str | float, names: Mapping[str, float]) -> float:
     """Parse and evaluate at once. Raises ExpressionError."""
+    if isinstance(text, int) and abs(text) > _LARGEST:
+        raise ExpressionError(f"a whole number of {text.bit_length()} bits; expected at most {_LARGEST:g}")
+    if isinstance(text, int | float) and not isinstance(text, bool) and math.isfinite(text):
+        return float(text)
     return parse(text).value(names)
 
 

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from affordance_templates.template import Array, ResolvedTemplate
+from affordance_templates.placement import Array, of_message
+from affordance_templates.template import ResolvedTemplate
 from affordance_templates.template_file import Template
 from handrail.messages import InstanceState, Pose
 
@@ -38,14 +39,7 @@ class Instance:
     @cached_property
     def rotation(self) -> Array:
         """(3, 3): turns directions in the template's frame into the world's."""
-        x, y, z, w = self.pose_in_world.orientation
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        return of_message(self.pose_in_world)[:3, :3]
 
     def point_in_template(self, point_in_world: Array) -> Array:
         """(3,) m, a point of the world in the template's frame."""
@@ -60,6 +54,6 @@ class Instance:
             version=self.version,
             pose_in_world=self.pose_in_world,
             parameters=self.template.values(self.parameters),
-            joint_state={name: float(self.joint_state.get(name, 0.0)) for name in self.template.joint_names},
+            joint_state={name: float(self.joint_state.get(name, 0.0)) for name in self.resolve().joints},
             removed=removed,
         )

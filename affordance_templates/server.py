@@ -117,8 +117,8 @@ class AffordanceServer:
         """Note where a joint is now believed to be, rad (prismatic: m). Not an edit: plans stay fresh."""
         with self._lock:
             old = self.get(name)
-            if joint not in old.template.joint_names:
-                raise refuse("no such joint", "joint", joint, f"one of: {', '.join(old.template.joint_names)}")
+            if joint not in (joints := old.resolve().joints):
+                raise refuse("no such joint", "joint", joint, f"one of: {', '.join(joints)}")
             if not math.isfinite(position):
                 raise refuse("not a position", "position", position, "a finite number")
             return self._put(replace(old, joint_state={**old.joint_state, joint: position}))
@@ -170,14 +170,10 @@ class AffordanceServer:
                 template = self._find(state.template)
                 # A template that was edited meanwhile is an edit of the instance.
                 version = state.version + (state.template_hash != template.hash)
-                instance = Instance(
-                    state.name,
-                    template,
-                    state.pose_in_world,
-                    template.values(state.parameters),
-                    {joint: at for joint, at in state.joint_state.items() if joint in template.joint_names},
-                    version,
-                )
+                parameters = template.values(state.parameters)
+                joints = template.resolve(parameters).joints
+                joint_state = {joint: at for joint, at in state.joint_state.items() if joint in joints}
+                instance = Instance(state.name, template, state.pose_in_world, parameters, joint_state, version)
                 instance.resolve()
             except ValueError as problem:  # ConfigError among them
                 self._unusable[state.name] = state

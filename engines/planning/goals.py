@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -167,35 +167,15 @@ def described(goal: Goal, tip: str) -> str:
 
 
 def feature_of(instance: Instance, feature: str, field: str = "feature") -> pin.SE3:
-    """A feature's frame in the template's: a joint's (x along its axis, turned or moved as far as the joint is), or that of a
-    waypoint, TRAJECTORY.WAYPOINT (z against the tool's pointing direction). Raises ValueError naming `field`.
+    """A feature's frame in the template's: `rim(0.5)`, `button[3]`; an object's; a joint's (x along its axis, turned or moved as
+    far as the joint is); or that of a waypoint, TRAJECTORY.WAYPOINT (z against the tool's pointing direction). Raises ValueError
+    naming `field`.
     """
-    if not feature:
-        return pin.SE3.Identity()
-    resolved = instance.resolve()
-    features: dict[str, Callable[[], pin.SE3]] = {}
-    for joint in resolved.joints.values():
-
-        def of_joint(joint=joint) -> pin.SE3:  # type: ignore[no-untyped-def]
-            straight = pin.SE3(_towards((1.0, 0.0, 0.0), joint.axis), joint.origin)
-            ahead = np.array([joint.position, 0.0, 0.0])
-            slides = joint.kind == "prismatic"
-            return straight * (pin.SE3(np.eye(3), ahead) if slides else pin.SE3(pin.exp3(ahead), np.zeros(3)))
-
-        features[joint.name] = of_joint
-    for trajectory in resolved.trajectories.values():
-        for waypoint in trajectory.waypoints:
-            features[f"{trajectory.name}.{waypoint.name}"] = lambda w=waypoint: pin.SE3(  # type: ignore[misc]
-                _towards((0.0, 0.0, -1.0), w.axis), w.position
-            )
-    if feature not in features:
-        raise ValueError(f"{field}: got {feature!r}; expected one of {', '.join(features)}")
-    return features[feature]()
-
-
-def _towards(axis: Sequence[float], direction: np.ndarray) -> np.ndarray:
-    """(3, 3): the shortest turn that brings an axis along a direction."""
-    return pin.Quaternion.FromTwoVectors(np.array(axis), direction).toRotationMatrix()
+    try:
+        frame = instance.resolve().frame(feature)
+    except ValueError as problem:
+        raise ValueError(f"{field}: {problem}") from None
+    return pin.SE3(frame)
 
 
 def message_of(placement: pin.SE3) -> Pose:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -16,8 +17,8 @@ _ROUND = 20  # segments around a circle: round at arm's length, cheap to draw
 
 
 @lru_cache(maxsize=256)
-def solid(kind: str, size: tuple[float, ...]) -> Mesh:
-    """A shape about its own origin, sizes as in `affordance_templates.template.Shape`. Raises ValueError for another kind."""
+def solid(kind: str, size: tuple[float, ...], file: Path | None = None) -> Mesh:
+    """A shape about its own origin, as in `affordance_templates.template.Shape`. Raises ValueError for another kind."""
     if kind == "capsule":
         body = trimesh.creation.capsule(radius=size[0], height=size[1], count=[_ROUND, 8])
         body.apply_translation(-body.bounds.mean(axis=0))
@@ -29,15 +30,19 @@ def solid(kind: str, size: tuple[float, ...]) -> Mesh:
         body = trimesh.creation.icosphere(subdivisions=2, radius=size[0])
     elif kind == "torus":
         body = trimesh.creation.torus(major_radius=size[0], minor_radius=size[1], major_sections=48, minor_sections=12)
+    elif kind == "mesh":
+        body = trimesh.load_mesh(file)
+        body.apply_scale(size)
     else:
-        raise ValueError(f"shape.kind: got {kind!r}; expected capsule, cylinder, box, sphere or torus")
+        raise ValueError(f"shape.kind: got {kind!r}; expected capsule, cylinder, box, sphere, torus or mesh")
     return shaded(body)
 
 
 def shapes(parts: Iterable[Shape]) -> Mesh:
     """A template's shapes as one mesh in the template's frame."""
     return merged(
-        solid(part.kind, tuple(part.size)).painted(part.color).transformed(part.pose_in_template) for part in parts
+        solid(part.kind, tuple(part.size), part.file).painted(part.color).transformed(part.pose_in_template)
+        for part in parts
     )
 
 

@@ -122,6 +122,8 @@ def _skeleton(shape: Shape) -> tuple[Array, float]:
             points, radius = corners * np.array(shape.size), 0.0
         case "torus":
             points, radius = ring * shape.size[0], shape.size[1]
+        case "mesh":
+            points, radius = _mesh(shape).points(), 0.0
     pose = shape.pose_in_template
     return points @ pose[:3, :3].T + pose[:3, 3], radius
 
@@ -139,7 +141,16 @@ def _solids(shape: Shape, in_world: pin.SE3, part_of: str) -> list[Obstacle]:
             geometry = coal.Box(*shape.size)
         case "torus":
             return _ring(shape, placement, part_of)
+        case "mesh":
+            geometry = _mesh(shape)
     return [Obstacle(shape.object, geometry, placement, part_of)]
+
+
+def _mesh(shape: Shape) -> coal.ConvexBase:
+    """The convex hull of a mesh."""
+    mesh = coal.MeshLoader().load(str(shape.file), np.array(shape.size))
+    mesh.buildConvexHull(True, "Qt")
+    return mesh.convex
 
 
 def _ring(shape: Shape, placement: pin.SE3, part_of: str) -> list[Obstacle]:

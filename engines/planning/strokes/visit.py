@@ -52,9 +52,15 @@ class Visit:
         for waypoint in self.trajectory.waypoints:
             if waypoint.approach == "along" and waypoint.joint not in self._joints:
                 raise ValueError(f"trajectory {trajectory}, waypoint {waypoint.name}: no joint {waypoint.joint!r}")
-            if waypoint.to == "arc_end" and (self.entry is None or self.entry.joint != waypoint.joint):
+            if waypoint.approach == "guarded":
                 raise ValueError(
-                    f"trajectory {trajectory}, waypoint {waypoint.name}: arc_end needs an entry on its joint"
+                    f"trajectory {trajectory}, waypoint {waypoint.name}: is guarded until a force; strokes know free, straight and "
+                    "along alone"
+                )
+            if waypoint.approach == "along" and (self.entry is None or self.entry.joint != waypoint.joint):
+                raise ValueError(
+                    f"trajectory {trajectory}, waypoint {waypoint.name}: goes along {waypoint.joint} without an entry on it; "
+                    "expected one, or a motion `along` the joint"
                 )
 
     @property
@@ -198,7 +204,5 @@ class Visit:
 
 def moved(position: Array, axis: Array, joint: ResolvedJoint, amount: float) -> tuple[Array, Array]:
     """A point and a direction (template's frame) carried along by a joint that moves by `amount` rad (prismatic: m)."""
-    if joint.kind == "prismatic":
-        return position + joint.axis * amount, axis
-    rotation = pin.exp3(joint.axis * amount)
-    return joint.origin + rotation @ (position - joint.origin), rotation @ axis
+    motion = joint.displacement(amount)
+    return motion[:3, :3] @ position + motion[:3, 3], motion[:3, :3] @ axis

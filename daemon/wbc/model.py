@@ -1,7 +1,7 @@
-"""The robot as whole-body control sees it: one pinocchio pass a cycle, and its results where kernels read them.
+"""The robot as whole-body control sees it: one pass a cycle over a pinocchio model, and its results where kernels read them.
 
-Two calls give everything: the composite-rigid-body algorithm in world axes (mass matrix, joint Jacobians, centroidal momentum,
-placements) and Newton-Euler at zero acceleration (bias forces, velocities, drift accelerations). Featherstone 2008, chapters 5, 6.
+The pass (dynamics.py) gives everything at once: mass matrix, joint Jacobians, centroidal momentum, placements, bias forces,
+velocities, drift accelerations.
 """
 
 from __future__ import annotations
@@ -11,28 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from daemon.wbc import dynamics
 from daemon.wbc.memory import Array, Integers, Memory
-from handrail.compiled import compiled
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.robot.model_memory import motions, placements
 
 FREE_BASE = 6
 """velocities of a free base before those of the joints"""
-_WORLD = pin.Convention.WORLD
-VIEWS = (
-    "mass",
-    "bias",
-    "jacobian",
-    "momentum",
-    "placement",
-    "parent_placement",
-    "velocity",
-    "drift",
-    "force",
-    "com",
-    "state",
-)
+VIEWS = dynamics.NAMES[: dynamics.STATE + 1]
 """What a pass leaves in memory, in the order of the kernels' table."""
 
 
@@ -62,15 +49,15 @@ class WholeBodyModel:
         """kg"""
         self.q, self.v = pin.neutral(model), np.zeros(self.nv)
         """the state as pinocchio takes it; `place` writes it"""
-        self.support = np.zeros((model.njoints, self.nv + 1), np.int64)
-        """[j, 0]: how many velocities move joint j's body; [j, 1:]: which, from the root on"""
-        for j in range(1, model.njoints):
-            chain = [c for i in model.supports[j] if i for c in range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])]
-            self.support[j, 0], self.support[j, 1 : len(chain) + 1] = len(chain), chain
         self.roots = np.array([j for j in range(1, model.njoints) if model.parents[j] == 0], np.int64)
         self._frames: dict[str, int] = {}
         self.state = np.zeros((2, self.nv))
         """position and velocity (2, nv) as of the last pass; a free base has no position here"""
+        self._pose, self._twist = self.q[:7], self.v[:6]
+        self._memory, self._tree = self._lay_out(), dynamics.tree(model, self.rows)
+        self._tree[0, dynamics.FIRST] = self.free
+        self.support = np.ascontiguousarray(self._tree[:, dynamics.CHAIN :])
+        """[j, 0]: how many velocities move joint j's body; [j, 1:]: which, from the root on"""
         self.update(self.q, self.v)
 
     @classmethod
@@ -93,23 +80,13 @@ class WholeBodyModel:
 
         A free base's `base_pose` is x y z, quaternion x y z w; `base_twist` linear, angular, in the base's own axes.
         """
-        _put(position, velocity, self.rows, self.nq - self.nv, self.q, self.v, self.state)
-        if self.free and base_pose is not None:
-            self.q[:7] = base_pose
-        if self.free and base_twist is not None:
-            self.v[:6] = self.state[1, :6] = base_twist
-        self._pass()
+        pose = self._pose if base_pose is None else base_pose
+        twist = self._twist if base_twist is None else base_twist
+        dynamics.place(position, velocity, pose, twist, self._memory.table, self._tree)
 
     def update(self, q: Array, v: Array) -> None:
         """Take a state in pinocchio's own arrays, q (nq,), v (nv,), and make the pass."""
-        self.q[:], self.v[:] = q, v
-        self.state[0, self.base :] = self.q[self.nq - self.nv + self.base :]
-        self.state[1] = self.v
-        self._pass()
-
-    def _pass(self) -> None:
-        pin.crba(self.model, self.data, self.q, _WORLD)
-        pin.nonLinearEffects(self.model, self.data, self.q, self.v)
+        self.place(q[self.rows + self.nq - self.nv], v[self.rows], q[:7], v[:6])
 
     def frame_id(self, name: str) -> int:
         """pinocchio's index of a frame, the link's where a joint has the same name; "" is the world. Raises KeyError."""
@@ -155,12 +132,14 @@ class WholeBodyModel:
         return np.array(pin.computeGeneralizedGravity(self.model, self._other, self.q))
 
     def share(self, memory: Memory) -> None:
-        """Put views of all that a pass leaves behind under `VIEWS`, and check that pinocchio's memory is laid out as believed.
-
-        Raises RuntimeError for a pinocchio that lays its memory out otherwise.
-        """
-        data = self.data
+        """Put views of all that a pass leaves behind under `VIEWS`."""
         memory.hold(self)
+        for name in VIEWS:
+            memory.put(name, self._memory[name])
+
+    def _lay_out(self) -> Memory:
+        """What a pass reads and writes. Raises RuntimeError for a pinocchio that lays its memory out otherwise than believed."""
+        data, memory = self.data, Memory(dynamics.NAMES)
         memory.put("mass", data.M.T)
         memory.put("bias", data.nle.reshape(1, -1))
         memory.put("jacobian", data.J.T)
@@ -172,15 +151,11 @@ class WholeBodyModel:
         memory.put("force", motions(data.f))
         memory.put("com", np.asarray(data.oYcrb[0].lever).reshape(1, 3))
         memory.put("state", self.state)
-
-
-@compiled
-def _put(position, velocity, rows, ahead, q, v, state):  # type: ignore[no-untyped-def]
-    """Joints' state into q (nq,), v (nv,) and `state` (2, nv); `ahead`: coordinates that q has more than v before a joint's."""
-    for i in range(rows.shape[0]):
-        c = rows[i]
-        q[c + ahead] = state[0, c] = position[i]
-        v[c] = state[1, c] = velocity[i]
+        memory.put("q", self.q.reshape(1, -1))
+        memory.put("v", self.v.reshape(1, -1))
+        memory.put("body", dynamics.bodies(self.model))
+        memory.make("composite", self.model.njoints, dynamics.INERTIA_WIDTH)
+        return memory
 
 
 def with_frames_of_one_name_each(model: pin.Model) -> pin.Model:

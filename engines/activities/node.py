@@ -57,6 +57,7 @@ class NodeActivity(Activity):
         process = NodeProcess(
             library.find(name),
             self.values["params"],
+            restarts=0,  # `retry` is the program's
             told=self._found.put,
             ended=self._found.put,
             closing=self.cancelled,

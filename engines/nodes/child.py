@@ -1,4 +1,4 @@
-"""A node's process: `python -m engines.nodes.child FILE SOCKET`, started by `engines.nodes.host`."""
+"""What a node's process does: load its file, step, tell. Forked by `engines.nodes.warm`, listened to by `engines.nodes.host`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,26 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from engines.nodes.node import Node, load
-from engines.nodes.ports import MissingError, Param, PortError, _Port
-from engines.nodes.wire import Beat, Declined, End, Failed, Hello, PortTold, Put, Ready, Stepped, ToNode, Wire
+from engines.nodes.pace import Rates, Share
+from engines.nodes.ports import MissingError, Output, Param, PortError, _Port
+from engines.nodes.wire import (
+    Beat,
+    Declined,
+    End,
+    Failed,
+    Hello,
+    Limits,
+    Noted,
+    PortTold,
+    Put,
+    Ready,
+    Stepped,
+    ToNode,
+    Wire,
+)
 
-BEAT_S = 0.2
+BEAT_S = 0.4
+_PAGE = resource.getpagesize()
 
 
 class Child:
@@ -33,6 +49,8 @@ class Child:
     def run(self, node: Node) -> None:
         """Until the host ends it or is gone. Raises what the node's code raises."""
         self._node = node
+        self._rates = Rates({port.name: port.rate for port in node.outputs.values()}, self._note)
+        share = Share(node.cpu_share, self._note)
         due = time.monotonic()
         while True:
             every = type(self._node).every if self._started else None
@@ -46,11 +64,13 @@ class Child:
             if isinstance(message, Put):
                 self._put(message)
                 continue
+            began, used = time.monotonic(), time.process_time()
             self._step(0)
             # Whole periods are skipped after a step that took longer, and the phase is kept.
             assert every is not None
             now = time.monotonic()
             due = now if every == 0.0 else due + every * max(1, int((now - due) // every) + 1)
+            due = share.rest_until(began, time.process_time() - used, due)
 
     def _put(self, put: Put) -> None:
         before = dict(self._node.values)
@@ -80,28 +100,49 @@ class Child:
             return
         finally:
             took, self._began = time.monotonic() - self._began, 0.0
-        self._wire.send(Stepped(number, self._node.take_written(), took))
+        if number:
+            self._wire.send(Stepped(number, self._node.take_written(), took))
+            return
+        due = self._rates.due(self._node.written, time.monotonic())
+        self._node.written.clear()
+        if due:
+            self._wire.send(Stepped(0, self._node.packed(due), took))
+
+    def _note(self, text: str) -> None:
+        self._wire.send(Noted(text))
 
     def _beats(self) -> None:
         while True:
             began = self._began
-            try:
-                self._wire.send(Beat(busy_s=time.monotonic() - began if began else 0.0))
-            except OSError:
-                os._exit(1)  # the host is gone; the main thread may be in an endless import or step
+            now = time.monotonic()
+            if began or now - self._wire.sent_at >= BEAT_S:
+                try:
+                    self._wire.send(Beat(busy_s=now - began if began else 0.0))
+                except OSError:
+                    os._exit(1)  # the host is gone; the main thread may be in an endless import or step
             time.sleep(BEAT_S)
 
 
 def _told(ports: Mapping[str, _Port]) -> list[PortTold]:
     return [
-        PortTold(port.name, port.kind.name, port.doc, port.unit, port.default if isinstance(port, Param) else None)
+        PortTold(
+            port.name,
+            port.kind.name,
+            port.doc,
+            port.unit,
+            port.default if isinstance(port, Param) else None,
+            port.rate if isinstance(port, Output) else None,
+        )
         for port in ports.values()
     ]
 
 
-def _resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1]) if Path("/proc/self/statm").exists() else 0
-    return pages * resource.getpagesize() / 1e6
+def _limit(kind: type[Node]) -> None:
+    """What the kernel holds: memory beyond what was there after its imports is refused to the node when it asks for it."""
+    data = int(Path("/proc/self/statm").read_text().split()[5]) * _PAGE
+    resource.setrlimit(resource.RLIMIT_DATA, (data + kind.memory_mb * 1_000_000,) * 2)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.nice(kind.nice)
 
 
 def main(file: Path, connection: socket.socket) -> int:
@@ -111,11 +152,12 @@ def main(file: Path, connection: socket.socket) -> int:
     child = Child(wire)
     try:
         kind = load(file)
-        resource.setrlimit(resource.RLIMIT_DATA, (kind.memory_mb * 1_000_000,) * 2)
+        _limit(kind)
         node = kind()
         doc = (kind.__doc__ or "").strip()
         ports = _told(kind.inputs), _told(kind.outputs), _told(kind.params)
-        wire.send(Hello(file.stem, doc, kind.every, kind.step_limit_s, *ports, memory_mb=_resident_mb()))
+        limits = Limits(kind.step_limit_s, kind.memory_mb, kind.cpu_share, kind.restarts)
+        wire.send(Hello(file.stem, doc, kind.every, limits, *ports, process=os.getpid()))
         child.run(node)
     except Exception as problem:  # noqa: BLE001 (whatever it is, the host tells it)
         why = f"{type(problem).__name__}: {problem}".rstrip(": ")
@@ -123,9 +165,3 @@ def main(file: Path, connection: socket.socket) -> int:
             wire.send(Failed(why=why, traceback=traceback.format_exc()))
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    status = main(Path(sys.argv[1]), socket.socket(fileno=int(sys.argv[2])))
-    sys.stderr.flush()
-    os._exit(status)  # threads that a node left behind don't keep its process

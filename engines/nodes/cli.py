@@ -47,7 +47,7 @@ def show(node: Name) -> None:
         when = (
             "when it is asked to" if hello.every is None else f"every {hello.every:g} s" if hello.every else "on and on"
         )
-        _out.print(f"steps {when}; a step may take {hello.step_limit_s:g} s", highlight=False)
+        _out.print(f"steps {when}; a step may take {hello.limits.step_s:g} s", highlight=False)
         table = Table("", "name", "kind", "unit", "default", "what it is", box=None)
         for word, ports in (("input", hello.inputs), ("output", hello.outputs), ("parameter", hello.params)):
             for port in ports:
@@ -81,7 +81,7 @@ def _try(file: Path, kind: type[Node], case: Case) -> str:
         return f"output {unknown[0]}: there is none; expected one of {', '.join(kind.outputs) or 'none'}"
     found: dict[str, Any] = {}
     try:
-        with NodeProcess(file, case.params) as process:
+        with NodeProcess(file, case.params, restarts=0) as process:
             for inputs in case.inputs:
                 found.update(process.step(inputs))
         wrong = [
@@ -144,7 +144,7 @@ def _file(node: str) -> Path:
 
 def _running(node: str, params: Mapping[str, Any], **told: Any) -> NodeProcess:
     try:
-        return NodeProcess(_file(node), params, **told)
+        return NodeProcess(_file(node), params, restarts=0, **told)
     except NodeFailed as failure:
         _fail_as(failure)
 

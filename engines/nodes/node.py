@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -52,6 +52,12 @@ class Node:
     """wall time of one step, after which the node counts as hanging"""
     memory_mb: ClassVar[int] = 1024
     """that it may have of its own"""
+    cpu_share: ClassVar[float] = 1.0
+    """of a core: a node that steps by itself rests until it has used no more, one that uses half as much again is ended"""
+    nice: ClassVar[int] = 5
+    """how far it stands back for others, 0 to 19: the robot's loop goes first"""
+    restarts: ClassVar[int] = 3
+    """times that it is started anew after it has failed, later each time; counted anew after a minute without"""
     cases: ClassVar[Sequence[Case]] = ()
 
     inputs: ClassVar[dict[str, Input]] = {}
@@ -65,7 +71,7 @@ class Node:
         cls.inputs = {name: port for name, port in ports.items() if isinstance(port, Input)}
         cls.outputs = {name: port for name, port in ports.items() if isinstance(port, Output)}
         cls.params = {name: port for name, port in ports.items() if isinstance(port, Param)}
-        odd = [name for name in ports if name in ("values", "written", "every", "cases")]
+        odd = [name for name in ports if name in (*vars(Node), "values", "written")]
         if odd:
             raise PortError(
                 f"{cls.__name__}: a port can't be called {odd[0]!r}; expected a name that Node does not use"
@@ -93,9 +99,13 @@ class Node:
 
     def take_written(self) -> dict[str, Any]:
         """Outputs written since this was last called, as MessagePack carries them."""
-        told = {name: self.outputs[name].kind.pack(self.values[name]) for name in sorted(self.written)}
+        written = sorted(self.written)
         self.written.clear()
-        return told
+        return self.packed(written)
+
+    def packed(self, outputs: Collection[str]) -> dict[str, Any]:
+        """These as MessagePack carries them."""
+        return {name: self.outputs[name].kind.pack(self.values[name]) for name in outputs}
 
 
 def load(file: Path) -> type[Node]:

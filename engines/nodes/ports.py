@@ -159,6 +159,13 @@ class Output(_Port):
 
     word = "output"
 
+    def __init__(self, kind: str, doc: str = "", *, unit: str = "", rate: float = 200.0):
+        """:param rate: Hz at which a node that steps by itself may tell it; of more, the newest is told when its turn comes"""
+        super().__init__(kind, doc, unit=unit)
+        if not rate > 0.0:
+            raise PortError(f"output: got rate {rate!r}; expected more than 0 Hz")
+        self.rate = rate
+
     def __set__(self, node: Any, value: Any) -> None:
         super().__set__(node, value)
         node.written.add(self.name)

@@ -6,6 +6,7 @@ import select
 import socket
 import struct
 import threading
+import time
 from typing import Any
 
 import msgspec
@@ -34,6 +35,17 @@ class PortTold(msgspec.Struct):
     doc: str = ""
     unit: str = ""
     default: Any = None
+    rate: float | None = None
+    """times a second that an output may be told by a node that steps by itself"""
+
+
+class Limits(msgspec.Struct):
+    """What a node may take; who takes more is slowed down, or ended."""
+
+    step_s: float
+    memory_mb: int
+    cpu_share: float
+    restarts: int
 
 
 class Hello(msgspec.Struct, tag=True):
@@ -42,12 +54,11 @@ class Hello(msgspec.Struct, tag=True):
     name: str
     doc: str
     every: float | None
-    step_limit_s: float
+    limits: Limits
     inputs: list[PortTold]
     outputs: list[PortTold]
     params: list[PortTold]
-    memory_mb: float
-    """resident after its imports"""
+    process: int
 
 
 class Ready(msgspec.Struct, tag=True):
@@ -77,14 +88,20 @@ class Failed(msgspec.Struct, tag=True):
     traceback: str
 
 
+class Noted(msgspec.Struct, tag=True):
+    """From the node: something that a person should know, and that does not end it."""
+
+    text: str
+
+
 class Beat(msgspec.Struct, tag=True):
-    """From the node, several times a second, from a thread of its own."""
+    """From the node, several times a second unless it says something else, from a thread of its own."""
 
     busy_s: float
     """wall time since the step began that is under way; 0: none is"""
 
 
-FromNode = Hello | Ready | Stepped | Declined | Failed | Beat
+FromNode = Hello | Ready | Stepped | Declined | Failed | Noted | Beat
 ToNode = Put | End
 
 
@@ -96,12 +113,15 @@ class Wire:
         self._decoder = msgspec.msgpack.Decoder(kinds)
         self._lock = threading.Lock()
         self._got = bytearray()
+        self.sent_at = 0.0
+        """monotonic s, of the last message"""
 
     def send(self, message: msgspec.Struct) -> None:
         """Raises OSError when the other end is gone."""
         payload = msgspec.msgpack.encode(message)
         with self._lock:
             self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
+            self.sent_at = time.monotonic()
 
     def close(self) -> None:
         """Whoever sends afterwards gets an OSError."""
@@ -111,18 +131,29 @@ class Wire:
     def receive(self, timeout_s: float | None) -> Any | None:
         """The next message, None when none came in time. Raises EOFError when the other end is gone."""
         while True:
-            if len(self._got) >= _LENGTH.size:
-                end = _LENGTH.size + _LENGTH.unpack_from(self._got)[0]
-                if len(self._got) >= end:
-                    payload = bytes(self._got[_LENGTH.size : end])
-                    del self._got[:end]
-                    return self._decoder.decode(payload)
+            if (message := self.arrived()) is not None:
+                return message
             if not select.select([self.socket], [], [], timeout_s)[0]:
                 return None
-            try:
-                more = self.socket.recv(1 << 20)
-            except ConnectionError:
-                more = b""
-            if not more:
-                raise EOFError
-            self._got += more
+            self.read()
+
+    def arrived(self) -> Any | None:
+        """The next message of what has been read."""
+        if len(self._got) < _LENGTH.size:
+            return None
+        end = _LENGTH.size + _LENGTH.unpack_from(self._got)[0]
+        if len(self._got) < end:
+            return None
+        payload = bytes(self._got[_LENGTH.size : end])
+        del self._got[:end]
+        return self._decoder.decode(payload)
+
+    def read(self) -> None:
+        """Read once what is there, or comes next. Raises EOFError when the other end is gone."""
+        try:
+            more = self.socket.recv(1 << 20)
+        except OSError:
+            more = b""
+        if not more:
+            raise EOFError
+        self._got += more

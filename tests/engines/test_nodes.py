@@ -6,7 +6,6 @@ import os
 import queue
 import signal
 import socket
-import subprocess
 import sys
 import textwrap
 import threading
@@ -20,6 +19,7 @@ from typer.testing import CliRunner
 
 from engines.nodes import Case, Input, Node, Output, Param, cli, library
 from engines.nodes.host import NodeFailed, NodeProcess
+from engines.nodes.launcher import LAUNCHER
 from engines.nodes.node import load
 from engines.nodes.ports import PortError
 from engines.nodes.wire import Beat, FromNode, Wire
@@ -246,8 +246,7 @@ def endless(tmp_path: Path) -> Path:
 
 def test_a_node_that_never_ends_its_import_does_not_outlive_its_host(endless):
     ours, theirs = socket.socketpair()
-    command = [sys.executable, "-m", "engines.nodes.child", str(endless), str(theirs.fileno())]
-    process = subprocess.Popen(command, pass_fds=[theirs.fileno()])
+    process = LAUNCHER.start(endless, theirs, sys.stderr.fileno())
     try:
         theirs.close()
         assert isinstance(Wire(ours, FromNode).receive(60), Beat)

@@ -23,8 +23,8 @@ def arm(request, description):
 
 
 @pytest.fixture(scope="module")
-def solver(kinematics, arm):
-    return TipSolver(kinematics, arm)
+def solver(mechanism, description, arm):
+    return TipSolver(mechanism, description, arm)
 
 
 def random_postures(solver, count):
@@ -38,7 +38,7 @@ def test_even_points_are_those_of_scipy_without_the_first(dimensions):
     assert np.array_equal(halton(300, dimensions), expected)
 
 
-def test_the_chain_agrees_with_pinocchio(solver, arm, description, kinematics):
+def test_the_tips_place_agrees_with_pinocchio(solver, arm, description, kinematics):
     for q in random_postures(solver, 50):
         position = description.home_position("ready")
         position[description.index(arm.joints)] = q

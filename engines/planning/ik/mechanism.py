@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import coal
 import numpy as np
@@ -101,6 +101,22 @@ class Mechanism:
         if joint not in self._rows:
             raise ValueError(f"joint: got {joint!r}; expected {_near(joint, self.joints)}")
         return self._rows[joint]
+
+    def named(self, field: str, joint: str) -> int:
+        """As `row`, for a joint that a field of the question names. Raises ValueError."""
+        try:
+            return self.row(joint)
+        except ValueError as problem:
+            raise ValueError(f"{field}: {problem}") from None
+
+    def weights(self, given: Mapping[str, float] | None) -> Array:
+        """(nv,) a factor for each velocity, 1 where none is given for its joint. Raises ValueError."""
+        found = np.ones(self.nv)
+        for joint, weight in (given or {}).items():
+            if not 0.0 < weight < np.inf:
+                raise ValueError(f"weights[{joint!r}]: got {weight}; expected a finite number above 0")
+            found[self.named("weights", joint)] = weight
+        return found
 
     def frame_id(self, name: str) -> int:
         """pinocchio's index of a frame, the link's where a joint has the same name; "" is the world. Raises ValueError."""

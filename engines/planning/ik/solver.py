@@ -186,19 +186,15 @@ class Solver:
         if moving is None:
             rows = base + list(range(mechanism.base, mechanism.nv))
         else:
-            rows = base + [_named("moving", mechanism, joint) for joint in moving]
+            rows = base + [mechanism.named("moving", joint) for joint in moving]
         if not rows:
             raise ValueError(f"moving: got {moving}; expected a joint, or a base, that moves")
         return np.array(rows, np.int64)
 
     def cost(self, weights: Mapping[str, float] | None) -> Array:
         """(nv,) weights of squared distances. Raises ValueError."""
-        cost = np.ones(self.mechanism.nv)
+        cost = self.mechanism.weights(weights)
         cost[: self.mechanism.base] = _BASE_WEIGHT
-        for joint, weight in (weights or {}).items():
-            if not 0.0 < weight < np.inf:
-                raise ValueError(f"weights[{joint!r}]: got {weight}; expected a finite number above 0")
-            cost[_named("weights", self.mechanism, joint)] = weight
         return cost
 
     def _nearness(self, constraint: kinds.Clearance | kinds.BodyDistance, weight: float) -> Nearness:
@@ -208,10 +204,3 @@ class Solver:
         if links not in kept:
             kept[links] = Bodies(self.mechanism, self._workspace.data, constraint.scene, *links)
         return kept[links].within(constraint, weight)
-
-
-def _named(field: str, mechanism: Mechanism, joint: str) -> int:
-    try:
-        return mechanism.row(joint)
-    except ValueError as problem:
-        raise ValueError(f"{field}: {problem}") from None

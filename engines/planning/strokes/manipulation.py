@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
+from engines.planning import constraints
 from engines.planning.collision.bodies import MARGINS, CollisionScene
 from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import obstacles_of
+from engines.planning.ik.constraints import Constraint, Direction, Position
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, times_of
 from engines.planning.plan import Plan, Segment
@@ -21,7 +23,7 @@ from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.behaviour import BehaviourSearch, Choice, ranked
 from engines.planning.strokes.path import Leg
 from engines.planning.strokes.stroke import ARCS, STARTS, Stroke
-from engines.planning.strokes.tip_solver import TipSolver, starts
+from engines.planning.strokes.tip_solver import POINTING, TipSolver, starts
 from engines.planning.strokes.visit import Visit
 from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
@@ -48,7 +50,7 @@ class ManipulationPlanner:
         # A model of its own: plans are made in a thread beside others that use theirs.
         self._kinematics = Kinematics(kinematics.description)
         self._mechanism = Mechanism.of(self._kinematics)
-        self._solvers = {name: TipSolver(self._kinematics, arm) for name, arm in description.arms.items()}
+        self._solvers = {name: TipSolver(self._mechanism, description, arm) for name, arm in description.arms.items()}
         home = description.home_position(next(iter(description.home)))
         velocity = VELOCITY_SHARE * description.velocity_limit
         acceleration = np.minimum(2.0 * velocity, RATE_SHARE * description.acceleration_limit)
@@ -139,6 +141,7 @@ class ManipulationPlanner:
             plan, limits, scene.configurations(position[None])[0],
             touching={leg.name: scene.touching for leg in legs if leg.may_touch},
             torque=self._description.torque_limit[assessor.rows], cancelled=cancelled,
+            constraints=list(_goals(plan, legs, assessor.arm.tip)),
         )  # fmt: skip
         if found:
             raise found[0].error()
@@ -202,6 +205,19 @@ class ManipulationPlanner:
             return ends, None
         gain, limit = waypoint.path_force
         return ends, PathForce(frame=arm.tip, gain=gain, limit=limit)
+
+
+def _goals(plan: Plan, legs: list[Leg], tip: str) -> Iterator[Constraint]:
+    """What the tool's tip keeps where each leg ends."""
+    end = 0.0
+    for leg, segment in zip(legs, plan.segments, strict=True):
+        end += segment.duration
+        position, axis = (tuple(part.tolist()) for part in leg.goal)
+        yield Position.at(
+            tip, position, tolerance=constraints.REACH.bound, name=f"tip after {leg.name}", window=(end, end)
+        )
+        cone, label = constraints.TILT.bound, f"tool after {leg.name}"
+        yield Direction(frame=tip, axis=POINTING, direction=axis, cone=cone, name=label, window=(end, end))
 
 
 def _measures(leg: Leg, segment: Segment, assessor: Assessor) -> tuple[Measure, ...]:

@@ -47,6 +47,8 @@ class Leg:
     """(k, 3) N, expected to act on the tip at the path's rows"""
     may_touch: bool
     """whether the tool may touch the object"""
+    goal: tuple[Array, Array]
+    """(3,) m and (3,): where the tip is to be at its end, and where it is to point"""
 
 
 class PathBuilder:
@@ -84,7 +86,7 @@ class PathBuilder:
             {constraints.REACH: float(reach.residual[-1]), constraints.TILT: float(reach.tilt[-1])}, first.name
         )
         self.angle = entry
-        self._free(first, Reach(reach.q[-1:], reach.residual[-1:], reach.tilt[-1:]))
+        self._free(first, Reach(reach.q[-1:], reach.residual[-1:], reach.tilt[-1:]), here)
 
     def begin_retreat(self, posture: Array) -> None:
         """From inside the object, where an interrupted stroke left the tool: straight back to the standoff. `posture` (m,) rad is
@@ -114,10 +116,11 @@ class PathBuilder:
         may_touch = visit.may_touch(waypoint)
         match waypoint.approach:
             case "free":
-                reach = self._solver.solve(self.q, *visit.tip(waypoint, self.angle), self._posture)
+                goal = visit.tip(waypoint, self.angle)
+                reach = self._solver.solve(self.q, *goal, self._posture)
                 measures = {constraints.REACH: float(reach.residual[0]), constraints.TILT: float(reach.tilt[0])}
                 self._refuse(measures, waypoint.name)
-                self._free(waypoint, reach)
+                self._free(waypoint, reach, goal)
             case "straight":
                 goals = visit.straight(self.tip, visit.tip(waypoint, self.angle), _LINE_SPACING)
                 self._follow(waypoint.name, goals, waypoint.duration, waypoint, may_touch=may_touch)
@@ -127,18 +130,17 @@ class PathBuilder:
                 self._follow(waypoint.name, goals, waypoint.duration, waypoint, may_touch=may_touch)
                 self.angle = end
 
-    def _free(self, waypoint: ResolvedWaypoint, reach: Reach) -> None:
+    def _free(self, waypoint: ResolvedWaypoint, reach: Reach, goal: tuple[Array, Array]) -> None:
         """Anyhow to the one posture of `reach`."""
         go_on(self._cancelled)
-        goal = reach.q[0]
-
+        there = reach.q[0]
         try:
-            path = self._assessor.way(self.q, goal, self._cancelled)
+            path = self._assessor.way(self.q, there, self._cancelled)
         except Infeasible:
             ways = {
                 "where the robot stands": self.q[None],
-                "there": goal[None],
-                "straight there": np.linspace(self.q, goal, 40),
+                "there": there[None],
+                "straight there": np.linspace(self.q, there, 40),
             }
             for words, q in ways.items():
                 distances, between = _distances(self._assessor.clearances(q, tool_may_touch=False))
@@ -147,7 +149,7 @@ class PathBuilder:
         tips = self._solver.tips(path)[0]
         length = float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
         duration = max(waypoint.duration, length / TIP_SPEED)
-        self._append(waypoint.name, path, duration, waypoint, reach, np.zeros((len(path), 3)), may_touch=False)
+        self._append(waypoint.name, path, duration, waypoint, reach, np.zeros((len(path), 3)), goal, may_touch=False)
 
     def _follow(
         self, name: str, goals: TipPath, duration: float, waypoint: ResolvedWaypoint | None, *, may_touch: bool
@@ -168,11 +170,12 @@ class PathBuilder:
         forces = -expected_force(self._visit) * ahead / lengths if pushing else np.zeros_like(ahead)
         measures.update(self._assessor.static(path, forces))
         self._refuse(measures, name)
-        self._append(name, path, duration, waypoint, reach, forces, may_touch=may_touch)
+        end = (goals.positions[-1], goals.axes[-1])
+        self._append(name, path, duration, waypoint, reach, forces, end, may_touch=may_touch)
 
     def _append(
         self, name: str, path: Array, duration: float, waypoint: ResolvedWaypoint | None, reach: Reach, forces: Array,
-        *, may_touch: bool,
+        goal: tuple[Array, Array], *, may_touch: bool,
     ) -> None:  # fmt: skip
         go_on(self._cancelled)
         found = self._assessor.clearances(path, tool_may_touch=may_touch)
@@ -181,7 +184,7 @@ class PathBuilder:
         if (met := self._assessor.between(path, tool_may_touch=may_touch)) is not None:
             self._refuse({met[0]: met[1].distance}, name, {met[0]: met[1].between})
         near = functools.reduce(nearer, found.values())
-        self.legs.append(Leg(name, path, duration, waypoint, near, reach, forces, may_touch))
+        self.legs.append(Leg(name, path, duration, waypoint, near, reach, forces, may_touch, goal))
         self.q = path[-1]
 
     @staticmethod

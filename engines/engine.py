@@ -16,6 +16,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -32,11 +33,14 @@ from engines.plans.store import PlanStore
 from engines.programs import deployment, library
 from engines.programs.deployment import Deployed
 from engines.programs.rehearsal import Rehearsal
+from engines.releases.check import check as check_release
+from engines.releases.store import ReleaseStore
 from engines.runs.journal import RunJournal
 from engines.runs.prompts import Prompts
 from engines.runs.run import Job, PlanExecution, ProgramRun, Start
 from engines.service import DeferringService, Wake
 from handrail import messages as m
+from handrail import workspace
 from handrail.config import ConfigError
 from handrail.robot import description as robot_description
 from handrail.robot.description import RobotDescription
@@ -52,12 +56,29 @@ _STOP_S = 10.0
 class Engine:
     """Serves `engine.call` and publishes `engine.events`. Made, driven and closed by one thread."""
 
-    def __init__(self, runtime: Runtime, description: RobotDescription, planner: Planner, tip_pose: TipPose):
+    def __init__(
+        self,
+        runtime: Runtime,
+        description: RobotDescription,
+        planner: Planner,
+        tip_pose: TipPose,
+        *,
+        name: str = "engine",
+        code: Path | None = None,
+    ):
+        """`code`: where deployed code is kept; None: in the runtime folder, as long as that is there."""
+        self._name = name
         self._wake = Wake()
         self._outbox: queue.SimpleQueue[msgspec.Struct] = queue.SimpleQueue()
         self._closing = threading.Event()
         self._desk = PlanningDesk(self._tell)
         self._deployments: dict[str, Deployed] = {}
+        self._releases = ReleaseStore(
+            code or runtime.folder / f"{name}.code",
+            lambda folder, programs: check_release(folder, programs, description),
+            pinned=lambda: [each.folder for each in self._deployments.values() if each.folder is not None],
+        )
+        workspace.use(self._releases.folder)
         self._breakpoints: frozenset[str] = frozenset()
         self._autonomy = "full"
         self._journal = RunJournal(runtime.folder)
@@ -88,7 +109,7 @@ class Engine:
             log=self._log,
             clouds=self._sight.clouds,
         )
-        for problem in affordances.problems:
+        for problem in (*affordances.problems, *self._releases.problems):
             self._log("error", problem)
         self._answers: dict[type, Callable[[Any], Any]] = {
             m.PlaceInstance: lambda call: affordances.place(call).state(),
@@ -119,6 +140,9 @@ class Engine:
             m.GetRunHistory: self._history,
             m.AnswerPrompt: self._services.prompts.answer,
             m.GetEngine: lambda call: self._snapshot(),
+            m.PutBundle: lambda call: _in_thread(functools.partial(self._put_bundle, call), "bundle"),
+            m.GetReleases: lambda call: self._releases.listing(self._name),
+            m.RollBack: lambda call: _in_thread(functools.partial(self._roll_back, call), "roll back"),
         }
         self._service = DeferringService(runtime.endpoint("engine.call"), m.EngineCall, self._answer, self._wake)
         self._recover()
@@ -162,6 +186,7 @@ class Engine:
         self._service.close()
         self._publisher.close()
         self._wake.close()
+        workspace.use(None)
 
     def _answer(self, call: Any) -> Any:
         try:
@@ -246,12 +271,31 @@ class Engine:
         except ActivityFailed as failed:
             raise refuse(str(failed)) from failed
 
+    def _put_bundle(self, call: m.PutBundle) -> m.BundleState:
+        before = self._releases.folder
+        self._releases.take(call.pieces)
+        state = self._releases.put(call)
+        if state.release is not None and self._releases.folder != before:
+            self._code_changed(state.release)
+        return state
+
+    def _roll_back(self, call: m.RollBack) -> m.RolledBack:
+        release = self._releases.roll_back(call)
+        self._code_changed(release)
+        return m.RolledBack(release=release)
+
+    def _code_changed(self, release: m.Release) -> None:
+        workspace.use(self._releases.folder)
+        self._log("info", f"release {release.number}: {release.program}, deployed by {release.by}")
+        self._tell(m.CodeChanged(engine=self._name, release=release))
+
     def _deploy(self, call: m.Deploy) -> m.Deployment:
-        try:
-            program = library.named(call.program)
-        except ConfigError as problem:
-            raise refuse("the program can't be deployed", "program", call.program, str(problem)) from problem
-        deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
+        with workspace.pinned(workspace.deployed()):  # all of it from one release
+            try:
+                program = library.named(call.program)
+            except ConfigError as problem:
+                raise refuse("the program can't be deployed", "program", call.program, str(problem)) from problem
+            deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
         self._deployments[deployed.id] = deployed
         while len(self._deployments) > _DEPLOYMENTS_KEPT:
             gone = next(iter(self._deployments))

@@ -34,6 +34,8 @@ _VERBS = {
     "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
     "program": "Check or run a program of the library.",
+    "deploy": "Bring a program, with all that it needs, to an engine of the robot that is up.",
+    "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
     "node": "Process nodes: list them, show one's ports, try its cases, run it, without an engine.",
     "new": "Begin a workspace, a program, a behaviour, a scene, a template or a controller of your own.",

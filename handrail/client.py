@@ -28,6 +28,8 @@ from typing import Any, Literal
 
 import msgspec
 
+from handrail.bundles.manifest import Bundle
+from handrail.bundles.sending import Progress, Sender
 from handrail.link import keys as link_keys
 from handrail.link.events import Events, Live
 from handrail.link.session import Session
@@ -49,6 +51,7 @@ from handrail.messages import (
     GetEngine,
     GetInstances,
     GetPlan,
+    GetReleases,
     GetRobot,
     GetRunHistory,
     GetStatus,
@@ -64,9 +67,12 @@ from handrail.messages import (
     PlanPreview,
     Pose,
     RankChoices,
+    Release,
+    Releases,
     RemoveInstance,
     ResumeRun,
     RobotInfo,
+    RollBack,
     Run,
     RunFrom,
     RunHistory,
@@ -121,6 +127,11 @@ class Client:
     @property
     def address(self) -> str:
         return self._session.address
+
+    @property
+    def traffic(self) -> tuple[int, int]:
+        """Bytes sent and received by this client so far, as they cross the link."""
+        return self._session.sent_bytes, self._session.received_bytes
 
     @property
     def connected(self) -> bool:
@@ -277,6 +288,26 @@ class Client:
     ) -> Deployment:
         """Check a program whole and bind its resources, e.g. {"arm": "right", "valve": "wheel_1"}."""
         return self.call(Deploy(program=program, bindings=dict(bindings or {}), parameters=dict(parameters or {})))
+
+    def send_bundle(
+        self, bundle: Bundle, *, engine: str = "", note: str = "", progress: Progress | None = None,
+        cache: Path | None = None,
+    ) -> Release:  # fmt: skip
+        """Bring a program with all that it needs to an engine (`engines.releases.closure.bundle_of` makes bundles).
+
+        For developers' keys only. Only pieces that the engine lacks travel. Called again after the link broke, it goes on where it
+        was. Refused, with nothing changed, where the robot can't run it. `progress(sent, known)` counts pieces; `cache`: where to
+        remember what was sent.
+        """
+        return Sender(self.call, self._session.server, cache).send(bundle, engine=engine, note=note, progress=progress)
+
+    def releases(self, engine: str = "") -> Releases:
+        """What code an engine has, since when and by whom, and what it can be rolled back to."""
+        return self.call(GetReleases(engine=engine))
+
+    def roll_back(self, number: int = 0, *, engine: str = "", note: str = "") -> Release:
+        """Bring back an engine's code of an earlier release (0: the one before); developers' keys only."""
+        return self.call(RollBack(number=number, engine=engine, note=note)).release
 
     def check_task(self, deployment: Deployment | str, *, timeout_s: float | None = None) -> TaskCheck:
         """Rehearse what was deployed, without moving: every motion verified before the first one."""

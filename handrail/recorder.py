@@ -42,6 +42,7 @@ from handrail import cloud, foxglove
 from handrail.config import ConfigError
 from handrail.messages import (
     ActionEvent,
+    CodeChanged,
     ControllerEvent,
     DaemonEvent,
     DaemonStatus,
@@ -82,6 +83,7 @@ _AS_THEY_COME: dict[type, str] = {
     PlanPreview: "/plan",
     Prompt: "/prompt",
     PromptClosed: "/prompt_closed",
+    CodeChanged: "/code_changed",
 }
 _BACKWARDS_NS = 1_000_000_000
 

@@ -1,13 +1,49 @@
 """Where robots, scenes, programs and templates are found: the user's workspace first, then what Handrail brings.
 
-A workspace is a folder of the user's own, named by ``HANDRAIL_WORKSPACE``, with a folder for each kind of thing in it.
+A workspace is a folder of the user's own, named by ``HANDRAIL_WORKSPACE``, with a folder for each kind of thing in it. An engine
+that code was deployed to has one more, which comes before it (docs/deployment.md).
 """
 
 from __future__ import annotations
 
 import importlib.util
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+
+_deployed: Path | None = None
+"""what was deployed to this process, which is an engine"""
+_pinned: ContextVar[tuple[Path | None] | None] = ContextVar("workspace", default=None)
+"""(what a thread looks in instead,)"""
+
+
+def use(folder: Path | None) -> None:
+    """From now on this process finds first what lies in a folder made like a workspace (None: in none)."""
+    global _deployed  # noqa: PLW0603 (which code a process has is a fact of the process)
+    _deployed = folder
+
+
+def deployed() -> Path | None:
+    """The folder that is looked in first, here and now."""
+    pinned = _pinned.get()
+    return _deployed if pinned is None else pinned[0]
+
+
+def pin(folder: Path | None) -> None:
+    """From now on this thread finds first what lies in `folder`, whatever is deployed meanwhile."""
+    _pinned.set((folder,))
+
+
+@contextmanager
+def pinned(folder: Path | None) -> Iterator[None]:
+    """As `pin`, for a while."""
+    before = _pinned.set((folder,))
+    try:
+        yield
+    finally:
+        _pinned.reset(before)
 
 
 def search_path(kind: str, package: str, folder: str = "") -> list[Path]:
@@ -19,6 +55,8 @@ def search_path(kind: str, package: str, folder: str = "") -> list[Path]:
     :param folder: below the package
     """
     folders = []
+    if first := deployed():
+        folders.append(first / kind)
     if workspace := os.environ.get("HANDRAIL_WORKSPACE"):
         folders.append(Path(workspace) / kind)
     spec = importlib.util.find_spec(package)

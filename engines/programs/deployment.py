@@ -5,11 +5,13 @@ from __future__ import annotations
 import uuid
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from affordance_templates.server import AffordanceServer
 from engines.programs.program import Program
 from engines.programs.schema import Resource
+from handrail import workspace
 from handrail.messages import Deploy
 from handrail.robot.description import RobotDescription
 from handrail.topics import refuse
@@ -25,6 +27,8 @@ class Deployed:
     """resource → arm or instance"""
     parameters: Mapping[str, Any]
     """every parameter's value"""
+    folder: Path | None = None
+    """of the release that it was made from: its nodes and behaviours are found there, whatever is deployed meanwhile"""
 
     def names(self) -> dict[str, Any]:
         """What the program's expressions see."""
@@ -47,7 +51,8 @@ def deploy(request: Deploy, program: Program, description: RobotDescription, aff
             raise refuse(what, f"bindings.{name}", bound or "nothing", _listed(resource, found))
     check_parameters(program, request.parameters)
     parameters = {name: parameter.default for name, parameter in program.parameters.items()} | request.parameters
-    return Deployed(f"{program.name}-{uuid.uuid4().hex[:8]}", program, dict(request.bindings), parameters)
+    id = f"{program.name}-{uuid.uuid4().hex[:8]}"
+    return Deployed(id, program, dict(request.bindings), parameters, workspace.deployed())
 
 
 def check_parameters(program: Program, parameters: Mapping[str, Any]) -> None:

@@ -32,6 +32,7 @@ from engines.programs.statechart import Chart
 from engines.runs.clock import RunClock
 from engines.runs.motion import Motion
 from engines.runs.prompts import Prompts
+from handrail import workspace
 from handrail.behaviour_file import BehaviourFile, Robot
 from handrail.messages import (
     ActionEvent,
@@ -223,6 +224,7 @@ class Rehearsal:
 
     def _activity(self, context: Context, state: State, values: Mapping[str, Any]) -> Activity:
         self._made += 1
+        workspace.pin(self.deployed.folder)  # for this thread, which is the activity's own
         return _Watched(ACTIVITIES[state.file.do](context, values), self, state.id)
 
 

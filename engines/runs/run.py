@@ -25,6 +25,7 @@ from engines.runs.gate import RunGate
 from engines.runs.history import RunHistory
 from engines.runs.motion import Motion
 from engines.runs.parts import Parts
+from handrail import workspace
 from handrail.messages import RunState, StateVisit
 from handrail.topics import Unreachable, refuse
 
@@ -258,6 +259,7 @@ class ProgramRun:
         if again := self._chart.retries(state):
             why = self._chart.words("{failure}", state.scope)
             self._services.log("warning", f"{state.id}: once more ({again} of {state.file.retry}): {why}")
+        workspace.pin(self._deployed.folder)  # for this thread, which is the activity's own
         return ACTIVITIES[state.file.do](replace(self._context, seeds=self._seeds.get(state.id, ())), values)
 
     def _waits(self, why: str) -> None:

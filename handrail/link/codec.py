@@ -35,7 +35,9 @@ from handrail.messages import (
     MakePlan,
     Message,
     PlanMotion,
+    PutBundle,
     RankChoices,
+    RollBack,
     Run,
     RunFrom,
     SensorEvent,
@@ -75,6 +77,11 @@ REMOTE_EVENTS = {kind.__name__: kind for kind in _remote(DaemonEvent, EngineEven
 """name → type of the events that the link carries"""
 REMOTE_ANSWER: Any = Answer | NoAnswer
 
+CODE = (PutBundle, RollBack)
+"""calls that change which code runs on the robot: a developer's"""
+RAW = (PutBundle,)
+"""calls that carry bytes, and no value of any kind that a client likes"""
+
 _TIMEOUTS_S: dict[type, float] = {
     Stop: 1.0,
     Enable: 10.0,
@@ -88,6 +95,8 @@ _TIMEOUTS_S: dict[type, float] = {
     Deploy: 20.0,
     Run: 15.0,
     RunFrom: 25.0,
+    PutBundle: 60.0,
+    RollBack: 60.0,
 }
 _TIMEOUT_S = 5.0
 

@@ -67,9 +67,8 @@ class _AllowedClients(AsyncioAuthenticator):
         return name is not None
 
     def curve_user_id(self, client_public_key: bytes) -> str:
-        if len(client_public_key) != _CURVE_KEY_BYTES:
-            return "unknown"
-        return self._keys.name_of(z85.encode(client_public_key)) or "unknown"
+        # The key and not its name: what it may do is asked when it does it.
+        return z85.encode(client_public_key).decode() if len(client_public_key) == _CURVE_KEY_BYTES else ""
 
 
 class Gate:
@@ -77,7 +76,7 @@ class Gate:
 
     def __init__(self, runtime: Runtime, gate_keys: keys.GateKeys, *, bind: str = "127.0.0.1", port: int = 47800):
         """`bind`: the address to listen on (``*``: every interface); events go out on `port` + 1. Raises PortTaken."""
-        self._runtime = runtime
+        self._runtime, self._keys = runtime, gate_keys
         self._context = zmq.asyncio.Context()
         self._authenticator = _AllowedClients(self._context, gate_keys)
         self._calls = self._curve_socket(zmq.ROUTER, gate_keys)
@@ -152,7 +151,8 @@ class Gate:
             identity, number, payload = (frame.bytes for frame in frames)
             try:
                 message = self._unpacker.unpack(payload)
-                codec.check_plain(message)
+                if not isinstance(message, codec.RAW):
+                    codec.check_plain(message)
             except codec.Malformed as problem:
                 await self._answer(
                     identity,
@@ -171,15 +171,21 @@ class Gate:
                 )
                 continue
             self._in_flight[identity] = self._in_flight.get(identity, 0) + 1
-            task = asyncio.create_task(self._carry_out(identity, number, message, _user(frames[-1])))
+            task = asyncio.create_task(self._carry_out(identity, number, message, _key(frames[-1])))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
-    async def _carry_out(self, identity: bytes, number: bytes, message: Any, user: str) -> None:
+    async def _carry_out(self, identity: bytes, number: bytes, message: Any, key: bytes) -> None:
         try:
             if isinstance(message, Stop):
-                await self._answer(identity, number, await self._stop(message, user))
+                await self._answer(identity, number, await self._stop(message, self._name_of(key)))
                 return
+            if isinstance(message, codec.CODE):
+                who = self._keys.identity_of(key)
+                if who is None or who.role != "developer":
+                    await self._answer(identity, number, _no_code(message, who, key))
+                    return
+                message = msgspec.structs.replace(message, by=who.name)
             backend = self._daemon if isinstance(message, codec.DAEMON_CALLS) else self._engine
             try:
                 answer = await backend.call(self._encoder.encode(message), codec.timeout_s(type(message)))
@@ -191,6 +197,9 @@ class Gate:
             self._in_flight[identity] -= 1
             if not self._in_flight[identity]:
                 del self._in_flight[identity]
+
+    def _name_of(self, key: bytes) -> str:
+        return self._keys.name_of(key) or "unknown"
 
     async def _stop(self, message: Stop, user: str) -> Any:
         reason = message.reason or f"stopped by {user}"
@@ -272,12 +281,26 @@ class Gate:
                     await self._publish(topic, encoded)
 
 
-def _user(frame: zmq.Frame) -> str:
-    """The name of the key that the frame's connection was authenticated with."""
+def _key(frame: zmq.Frame) -> bytes:
+    """The public key (Z85) that the frame's connection was authenticated with."""
     try:
-        return str(frame.get("User-Id"))
+        return str(frame.get("User-Id")).encode()
     except zmq.ZMQError:
-        return "unknown"
+        return b""
+
+
+def _no_code(message: Any, who: keys.Identity | None, key: bytes) -> Refused:
+    """Why this one may not bring code."""
+    shown = key.decode("ascii", "replace")
+    name, role = (who.name, who.role) if who else ("nobody", "none: it is not allowed in any more")
+    _log.warning("%s from %s, whose role is %s, was refused", type(message).__name__, name, role)
+    return Refused(
+        message=f"code is accepted from developers only: {name}'s key {shown} has the role {role}; on the robot, move "
+        f"allowed/{name}.key to allowed/developers/ where that is right",
+        field="role",
+        value=role,
+        expected="developer",
+    )
 
 
 async def _main(runtime: Runtime, gate_keys: keys.GateKeys, bind: str, port: int) -> None:

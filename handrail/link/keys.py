@@ -6,7 +6,9 @@ One folder holds them, ``$HANDRAIL_KEYS`` or ``handrail/keys`` under ``$XDG_CONF
     server.key_secret   the robot's secret key      never leaves the robot
     client.key          this user's public key
     client.key_secret   this user's secret key      never leaves the client
-    allowed/*.key       public keys that the robot lets in, one file a client; the file's name is the client's name
+    allowed/*.key       public keys that the robot lets in, one file a client; the file's name is the client's name.
+                        They are operators'; those in allowed/developers/ may also bring code, those in allowed/engines/ are
+                        engines on other machines. This folder's own client.key is a developer's wherever it lies
 
 The first run on a machine makes all of them, with this user's client allowed. To let another machine in, copy its
 ``client.key`` to the robot as ``allowed/NAME.key`` and the robot's ``server.key`` to it; the gate reads ``allowed`` at every
@@ -20,11 +22,16 @@ import shutil
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import zmq
 import zmq.auth
 
 _ALLOWED = "allowed"
+
+Role = Literal["operator", "developer", "engine"]
+_ROLES: dict[str, Role] = {"": "operator", "developers": "developer", "engines": "engine"}
+"""folder below `allowed` → what those in it are"""
 
 
 class KeysError(Exception):
@@ -43,6 +50,14 @@ class ClientKeys:
 
 
 @dataclass(frozen=True)
+class Identity:
+    """Whose key it is."""
+
+    name: str
+    role: Role
+
+
+@dataclass(frozen=True)
 class GateKeys:
     """What the robot's gate needs: its own pair and the folder of clients that it lets in."""
 
@@ -52,14 +67,24 @@ class GateKeys:
 
     def name_of(self, client: bytes) -> str | None:
         """The name under which a client's public key (Z85) is allowed in; None when it is not."""
-        for file in sorted(self.allowed.glob("*.key")):
-            try:
-                public, _ = zmq.auth.load_certificate(file)
-            except (OSError, ValueError):
-                continue  # a file that is no certificate lets nobody in
-            if public == client:
-                return file.stem
+        identity = self.identity_of(client)
+        return None if identity is None else identity.name
+
+    def identity_of(self, client: bytes) -> Identity | None:
+        """Name and role of a client's public key (Z85), None when it is not allowed in. In two folders, it has the lesser role."""
+        for folder, role in _ROLES.items():
+            for file in sorted((self.allowed / folder).glob("*.key")):
+                if _public(file) == client:
+                    own = _public(self.allowed.parent / "client.key") == client
+                    return Identity(file.stem, "developer" if own else role)
         return None
+
+
+def _public(file: Path) -> bytes | None:
+    try:
+        return zmq.auth.load_certificate(file)[0]
+    except (OSError, ValueError):
+        return None  # a file that is no certificate lets nobody in
 
 
 def default_folder() -> Path:

@@ -83,6 +83,10 @@ class Session:
         self._rejected = False
         self._retry_at = float("inf")
         self._closing = False
+        self.sent_bytes = 0
+        """of calls, as they crossed the link (without ZeroMQ's own frames: some 40 bytes a call)"""
+        self.received_bytes = 0
+        """of answers and events"""
         self._thread = threading.Thread(target=self._run, name="handrail-link", daemon=True)
         self._thread.start()
 
@@ -102,6 +106,11 @@ class Session:
         return socket
 
     # ------------------------------------------------------------------------------------------------------- any thread
+
+    @property
+    def server(self) -> str:
+        """The robot's public key (Z85): it tells this robot from others."""
+        return self._keys.server.decode("ascii")
 
     @property
     def connected(self) -> bool:
@@ -222,9 +231,11 @@ class Session:
             except zmq.Again:
                 return
             self._sent[call.number] = self._unsent.popleft()
+            self.sent_bytes += len(call.number) + len(call.payload)
 
     def _take_answers(self) -> None:
         for number, payload in _received(self._calls, 2):
+            self.received_bytes += len(number) + len(payload)
             call = self._sent.pop(number, None)
             if call is None:
                 continue  # its caller has given up
@@ -266,6 +277,7 @@ class Session:
 
     def _take_events(self) -> None:
         for name, payload in _received(self._events, 2):
+            self.received_bytes += len(name) + len(payload)
             if name in self._streams:
                 self._streams[name]._went_live()
                 continue

@@ -33,6 +33,17 @@ from handrail.messages.base import (
     Vector,
     spec,
 )
+from handrail.messages.bundles import (
+    BundleState,
+    CodeChanged,
+    GetReleases,
+    Piece,
+    PutBundle,
+    Release,
+    Releases,
+    RollBack,
+    RolledBack,
+)
 from handrail.messages.daemon import (
     ClearStop,
     CommandGripper,
@@ -217,6 +228,7 @@ __all__ = [
     "AnswerPrompt",
     "Base",
     "BindKeepalive",
+    "BundleState",
     "BusStatistics",
     "CancelAction",
     "CancelPlanning",
@@ -227,6 +239,7 @@ __all__ = [
     "Choice",
     "Choices",
     "ClearStop",
+    "CodeChanged",
     "CommandGripper",
     "Compliance",
     "CompliantMotion",
@@ -268,6 +281,7 @@ __all__ = [
     "GetHardware",
     "GetInstances",
     "GetPlan",
+    "GetReleases",
     "GetRobot",
     "GetRunHistory",
     "GetSafety",
@@ -311,6 +325,7 @@ __all__ = [
     "PathForce",
     "PauseAction",
     "PauseRun",
+    "Piece",
     "PlaceInstance",
     "PlanMotion",
     "PlanOrigin",
@@ -330,18 +345,23 @@ __all__ = [
     "PowerState",
     "Prompt",
     "PromptClosed",
+    "PutBundle",
     "RankChoices",
     "Reference",
     "Refused",
     "RelationGoal",
+    "Release",
     "ReleaseKeepalive",
     "ReleaseTime",
+    "Releases",
     "RemoveInstance",
     "ResumeAction",
     "ResumeRun",
     "ReturnLease",
     "RobotInfo",
     "RobotState",
+    "RollBack",
+    "RolledBack",
     "Run",
     "RunFrom",
     "RunHistory",
@@ -483,8 +503,11 @@ EngineCall = (
     | GetRunHistory
     | AnswerPrompt
     | GetEngine
+    | PutBundle
+    | GetReleases
+    | RollBack
 )
-EngineEvent = InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine
+EngineEvent = InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine | CodeChanged
 Answer = (
     Ok
     | Refused
@@ -508,4 +531,7 @@ Answer = (
     | RunState
     | RunHistory
     | EngineSnapshot
+    | BundleState
+    | Releases
+    | RolledBack
 )

@@ -21,6 +21,8 @@ VERBS = [
     "controllers",
     "drives",
     "program",
+    "deploy",
+    "deployments",
     "plan",
     "node",
     "robot",

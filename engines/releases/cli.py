@@ -1,0 +1,136 @@
+"""`handrail deploy` and `handrail deployments`: code on its way to the robot's engines, and what they have."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from engines.programs import library
+from engines.releases.closure import bundle_of
+from handrail.bundles.manifest import Bundle
+from handrail.client import DEFAULT_ADDRESS, RefusedError, Unreachable, connect
+from handrail.config import ConfigError
+from handrail.link.keys import KeysError
+from handrail.messages import Release, Releases
+
+app = typer.Typer(
+    help="Which code the robot's engines have: list, show, roll back.", no_args_is_help=True, add_completion=False
+)
+_out = Console()
+_err = Console(stderr=True)
+Robot = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
+Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
+Engine = Annotated[str, typer.Option(help="The engine's name, if not the first.")]
+Note = Annotated[str, typer.Option(help="What for: it is kept with the release.")]
+
+
+def deploy(
+    program: Annotated[str, typer.Argument(help="Its name in the workspace or the library, or its file.")],
+    *,
+    engine: Engine = "",
+    note: Note = "",
+    robot: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Bring a program, with the nodes, behaviours, templates and scenes that it needs, to an engine.
+
+    Only what the engine lacks travels. It is checked whole for that robot before anything is replaced; a deployment that was cut
+    goes on where it was when it is asked for again. Needs a developer's key. Exit status 1: refused; 3: no answer.
+    """
+    with _telling(), connect(robot, keys) as client:
+        bundle = bundle_of(program)
+        before = sum(client.traffic)
+        number = client.releases(engine).releases[-1:]
+        release = client.send_bundle(bundle, engine=engine, note=note, progress=_progress)
+        crossed = sum(client.traffic) - before
+        if number and number[0].number == release.number:
+            _out.print(f"{release.program}: nothing has changed since release {release.number}", highlight=False)
+            return
+        _out.print(f"release {release.number}: {release.program}, {crossed} bytes over the link", highlight=False)
+        for path in release.changed:
+            _out.print(f"  {path}", highlight=False)
+
+
+def _progress(sent: int, known: int) -> None:
+    if sent and _err.is_terminal:
+        _err.print(f"{sent} of {known} pieces", highlight=False)
+
+
+@app.command("list")
+def list_(engine: Engine = "", robot: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """The programs that an engine was given, and whether they are what is here."""
+    with _telling(), connect(robot, keys) as client:
+        found = client.releases(engine)
+        table = Table("engine", "program", "release", "by", "since", "here", box=None)
+        for program, bundle in found.programs.items():
+            release = next((each for each in reversed(found.releases) if each.bundle == bundle), None)
+            told = (str(release.number), release.by, _time(release)) if release else ("before those kept", "", "")
+            table.add_row(found.engine, program, *told, escape(_here(program, bundle, found)))
+        if table.row_count:
+            _out.print(table)
+        else:
+            _out.print(f"{found.engine}: nothing was deployed; it runs its own library", highlight=False)
+
+
+def _here(program: str, bundle: str, found: Releases) -> str:
+    """What of a program is another one here."""
+    try:
+        own: Bundle = bundle_of(program)
+    except (ConfigError, ValueError, OSError) as problem:
+        return "not here" if program not in library.files() else str(problem)
+    if own.address == bundle:
+        return "the same"
+    other = [path for path, address in own.manifest.addresses().items() if found.files.get(path) != address]
+    return f"differs: {', '.join(other) or 'the robot has more'}"
+
+
+@app.command()
+def show(engine: Engine = "", robot: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """An engine's releases, oldest first: the last one is in force, the others can be gone back to."""
+    with _telling(), connect(robot, keys) as client:
+        table = Table("release", "program", "by", "since", "changed", "note", box=None)
+        for release in client.releases(engine).releases:
+            changed = escape("\n".join(release.changed))
+            table.add_row(
+                str(release.number), release.program, escape(release.by), _time(release), changed, escape(release.note)
+            )
+        _out.print(table)
+
+
+@app.command()
+def rollback(
+    release: Annotated[int, typer.Argument(help="Its number; none: the one before that in force.")] = 0,
+    *,
+    engine: Engine = "",
+    note: Note = "",
+    robot: Robot = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Bring back the code of an earlier release, as a new one. Needs a developer's key."""
+    with _telling(), connect(robot, keys) as client:
+        new = client.roll_back(release, engine=engine, note=note)
+        _out.print(f"release {new.number}: {new.note}", highlight=False)
+        for path in new.changed:
+            _out.print(f"  {path}", highlight=False)
+
+
+def _time(release: Release) -> str:
+    return datetime.fromtimestamp(release.at_ns / 1e9).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+
+
+@contextlib.contextmanager
+def _telling() -> Iterator[None]:
+    """What can't be done, in a line, and the status that says it."""
+    try:
+        yield
+    except (ConfigError, RefusedError, ValueError, KeysError, OSError) as problem:
+        _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)
+        raise typer.Exit(3 if isinstance(problem, Unreachable) else 1) from problem

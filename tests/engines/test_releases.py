@@ -1,0 +1,92 @@
+"""Code that is deployed to an engine while it runs programs."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from handrail import messages as m
+from handrail.bundles import manifest, pieces
+
+PROGRAM = """title: Reach
+resources:
+  arm: {{kind: arm}}
+states:
+  asking:
+    do: prompt
+    with: {{text: "{text}", options: [go]}}
+    transitions: [{{event: done.invoke.asking, target: moving}}, {{event: error.execution, target: badly}}]
+  moving:
+    do: behave
+    with: {{behaviour: nudge, arm: arm}}
+    transitions: [{{event: done.invoke.moving, target: well}}, {{event: error.execution, target: badly}}]
+  well: {{final: true, outcome: succeeded}}
+  badly: {{final: true, outcome: failed, detail: it did not}}
+"""
+BEHAVIOUR = """steps:
+  - name: {step}
+    motion: {{type: compliant_motion, duration: 1.0, shift: [0.06, 0, 0]}}
+"""
+
+
+def put(text: str, step: str = "nudge", **others: str) -> m.PutBundle:
+    """`others`: what else is in the bundle's behaviour, and in its node."""
+    files = {
+        "rtc_programs/reach.yaml": PROGRAM.format(text=text).encode(),
+        "behaviours/nudge.yaml": (BEHAVIOUR.format(step=step) + others.get("behaviour", "")).encode(),
+    }
+    if "node" in others:
+        files["nodes/broken.py"] = others["node"].encode()
+    bundle = manifest.bundle("reach", files)
+    parts = [m.Piece(address=address, data=pieces.pack(content)) for address, content in bundle.contents.items()]
+    return m.PutBundle(bundle=bundle.address, pieces=parts)
+
+
+def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the_new(stack, daemon):
+    assert stack.call(put("one?", "first")).release.number == 1
+    run = stack.run("reach")
+    first = stack.prompt(1)
+    assert stack.call(put("two?", "second")).release.number == 2
+    assert stack.wait(lambda e: isinstance(e, m.CodeChanged) and e.release.number == 2).engine == "engine"
+    stack.call(m.AnswerPrompt(id=first.id, answer="go", by="test"))
+    ended = stack.ended()
+    assert (ended.status, ended.hash) == ("succeeded", run.hash)
+    assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["first"]
+
+    again = stack.run("reach")
+    assert again.hash != run.hash
+    assert stack.prompt(2).text == "two?"
+    stack.call(m.AnswerPrompt(id=stack.prompt(2).id, answer="go", by="test"))
+    stack.wait(lambda e: isinstance(e, m.RunState) and e.run == again.run and e.status == "succeeded")
+    assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["first", "second"]
+
+
+def test_what_is_deployed_is_in_the_library_survives_a_restart_and_goes_when_it_is_rolled_back(start):
+    stack = start()
+    stack.call(put("one?"))
+    before = {entry.name: entry.hash for entry in stack.call(m.ListLibrary()).entries}
+    stack.call(put("two?"))
+    stack = start()
+    after = {entry.name: entry.hash for entry in stack.call(m.ListLibrary()).entries}
+    assert after["reach"] != before["reach"]
+    assert after.keys() == before.keys()
+    assert stack.call(m.RollBack(by="me")).release.by == "me"
+    assert {entry.name: entry.hash for entry in stack.call(m.ListLibrary()).entries} == before
+    listing = stack.call(m.GetReleases())
+    assert [release.number for release in listing.releases] == [1, 2, 3]
+    assert listing.releases[0].at_ns <= listing.releases[2].at_ns <= time.time_ns()
+    assert set(listing.files) == {"rtc_programs/reach.yaml", "behaviours/nudge.yaml"}
+
+
+def test_a_joint_that_this_robot_does_not_have_is_refused(stack):
+    refused = stack.refusal(put("one?", behaviour="joints: [elbow]\n"))
+    assert refused.value == "behaviours/nudge.yaml"
+    assert "elbow is none of two_joints's" in refused.expected
+
+
+@pytest.mark.parametrize("text", ["class Broken(:\n", "import ("])
+def test_a_node_that_is_no_python_is_refused(stack, text):
+    refused = stack.refusal(put("one?", node=text))
+    assert (refused.field, refused.value) == ("files", "nodes/broken.py")
+    assert "line 1" in refused.expected

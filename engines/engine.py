@@ -26,6 +26,8 @@ import zmq
 from affordance_templates.server import AffordanceServer
 from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
+from engines.learning.book import RunBook, location
+from engines.learning.learner import Learner
 from engines.plans.desk import PlanningDesk, Task
 from engines.plans.making import make_edit, make_motion, make_plan, rank_choices
 from engines.plans.sight import Sight
@@ -109,6 +111,8 @@ class Engine:
             log=self._log,
             clouds=self._sight.clouds,
         )
+        book = location()
+        self._learner = Learner(description.name, RunBook(book) if book else None, affordances.instances)
         for problem in (*affordances.problems, *self._releases.problems):
             self._log("error", problem)
         self._answers: dict[type, Callable[[Any], Any]] = {
@@ -301,7 +305,8 @@ class Engine:
             gone = next(iter(self._deployments))
             del self._deployments[gone]
             self._seeds.pop(gone, None)
-        return m.Deployment(id=deployed.id, program=program.name, hash=program.hash)
+        warnings = self._learner.before(deployed)
+        return m.Deployment(id=deployed.id, program=program.name, hash=program.hash, warnings=warnings)
 
     def _deployed(self, id: str) -> Deployed:
         """Refused where it is not there, or its instances are gone."""
@@ -341,6 +346,7 @@ class Engine:
                 autonomy=self._autonomy,
                 start=start,
                 seeds=self._seeds.get(deployed.id),
+                watch=self._learner.watch(deployed),
             )
             self._job = self._run = run
             return run.start()

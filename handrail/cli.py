@@ -38,6 +38,7 @@ _VERBS = {
     "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
     "node": "Process nodes: list them, show one's ports, try its cases, run it, without an engine.",
+    "learn": "What past runs of programs tell about success: list, report, forget.",
     "new": "Begin a workspace, a program, a behaviour, a scene, a template or a controller of your own.",
     "behaviour": "Chains of actions: check a file, run it on the robot that is up.",
     "replay": "Drive the control loop from a recording and find the first command that is another one now.",

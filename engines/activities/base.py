@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -14,6 +14,7 @@ import numpy as np
 from affordance_templates.instance import Instance
 from affordance_templates.server import AffordanceServer
 from engines.daemon_client import DaemonClient
+from engines.learning.facts import RunNotes
 from engines.plans.store import PlanStore
 from engines.runs.motion import Motion
 from engines.runs.prompts import Prompts
@@ -176,6 +177,8 @@ class Context:
     """wall time for which simulated time may wait for the engine while it computes (lock-step)"""
     seeds: Sequence[np.ndarray] = ()
     """(n,) rad each: where plans of this state ended when the program was rehearsed"""
+    notes: RunNotes = field(default_factory=RunNotes)
+    """what the run meets on its way"""
 
 
 class Activity(ABC):

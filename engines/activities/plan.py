@@ -80,6 +80,7 @@ class PlanActivity(Activity):
                 run=self.context.run,
                 cancelled=self.cancelled.is_set,
             )
+        self.context.notes.planned(preview)
         return {
             "plan": record.plan.id,
             "arc_centre": record.plan.outputs.get("arc_centre"),

@@ -60,6 +60,10 @@ def _never(step: str, outcome: str) -> bool:
     return False
 
 
+def _nobody(ended: ActionEvent) -> None:
+    pass
+
+
 class MotionFailed(Exception):
     """A motion that did not end as planned or could not start. `reason` is one word, `str()` a sentence.
 
@@ -74,12 +78,21 @@ class MotionFailed(Exception):
 class Motion:
     """Runs actions for one run; every method may be called from any thread, `run` from one at a time."""
 
-    def __init__(self, daemon: DaemonClient, parts: Parts, *, hold_after_s: float = 0.0):
+    def __init__(
+        self,
+        daemon: DaemonClient,
+        parts: Parts,
+        *,
+        hold_after_s: float = 0.0,
+        heard: Callable[[ActionEvent], None] = _nobody,
+    ):
         """`parts`: of the body, held from the first motion that needs them until `end`.
 
         `hold_after_s`: in lock-step, simulated time waits this long (wall time) for the engine after each action.
+
+        `heard` is told how each ended.
         """
-        self._daemon, self._parts, self._hold_after_s = daemon, parts, hold_after_s
+        self._daemon, self._parts, self._hold_after_s, self._heard = daemon, parts, hold_after_s, heard
         self._gate = threading.Condition()
         self._paused = False
         self._action = ""
@@ -151,6 +164,7 @@ class Motion:
                 while True:
                     event = watch.next(patience)
                     if event is not None and event.state == "ended":
+                        self._heard(event)
                         break
                     if meanwhile is not None:
                         meanwhile(action)

@@ -15,6 +15,8 @@ import numpy as np
 from engines.activities import ACTIVITIES
 from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.activities.execute import check, execute
+from engines.learning.facts import RunNotes
+from engines.learning.learner import RunWatch
 from engines.plans.store import PlanRecord
 from engines.programs.deployment import Deployed, check_breakpoints, check_parameters
 from engines.programs.program import State
@@ -74,8 +76,10 @@ class ProgramRun:
         autonomy: str = "full",
         start: Start | None = None,
         seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
+        watch: RunWatch | None = None,
     ):
-        """`publish` is told of every change; `seeds`: state → where its plans ended in a rehearsal.
+        """`publish` is told of every change; `seeds`: state → where its plans ended in a rehearsal; `watch` compares it with past
+        runs.
 
         Raises ValueError where `start` names states that can't be active together.
         """
@@ -83,10 +87,12 @@ class ProgramRun:
         self._services, self._publish = services, publish
         self._deployed, self._start = deployed, start or Start()
         parts = Parts(services.daemon, services.description.groups)
-        self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S)
+        self._watch, self._notes = watch, RunNotes(self._look_back)
+        self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S, heard=self._notes.moved)
         program = deployed.program
         self._parameters = {**deployed.parameters, **self._start.parameters}
-        self._context = Context(services, self._start.run or f"run-{uuid.uuid4().hex[:8]}", self._motion, HOLD_S)
+        id = self._start.run or f"run-{uuid.uuid4().hex[:8]}"
+        self._context = Context(services, id, self._motion, HOLD_S, notes=self._notes)
         self._gate, self._clock = RunGate(self._waits), RunClock()
         self._gate.set_breakpoints(breakpoints)
         self._history = RunHistory(lambda: services.daemon.time_ns)
@@ -147,6 +153,8 @@ class ProgramRun:
             self._tell(status="paused", active=list(self._start.states), detail=self._start.paused)
         else:
             self._tell(status="running")
+        self._began_ns = self.state.time_ns
+        self._look_back()
         self._services.daemon.tell_time(self._clock.tick)
         self._thread.start()
         return self.state
@@ -308,6 +316,19 @@ class ProgramRun:
         self._motion.end()
         self._services.daemon.release_time()  # its last motion may have asked for time to think at its end
         self._tell(status=status, detail=detail, active=self._chart.active(), data=self._data())
+        if self._watch is not None:
+            self._watch.ended(self.state, (self.state.time_ns - self._began_ns) / 1e9, self._notes.facts())
+
+    def _look_back(self) -> None:
+        """Say what of this run looks like runs that failed, once each."""
+        if self._watch is None:
+            return
+        words = self._watch.warnings(self._notes.facts())
+        with self._lock:
+            new = [each for each in words if each not in self._state.warnings]
+            self._tell(warnings=[*self._state.warnings, *new])
+        for each in new:
+            self._services.log("warning", f"this looks like failures of the past: {each}")
 
     def _data(self) -> dict[str, Any]:
         return {**self._chart.variables(), **self._parameters}

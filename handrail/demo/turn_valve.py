@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import os
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -57,6 +58,7 @@ def demo(
     targets = [out / "report.json", *([json] if json else [])]
     try:
         out.mkdir(parents=True, exist_ok=True)
+        os.environ.setdefault("HANDRAIL_LEARNED", str(out.absolute() / "runs.sqlite"))  # the engines' own
         with _ended_in_order():
             for number in chosen:
                 place = out / f"seed_{number:02d}" if seeds else out

@@ -46,6 +46,8 @@ class Deployment(Message):
     program: str
     hash: str
     """of the content that will run"""
+    warnings: list[str] = []
+    """what of it looks like past runs that failed (docs/learning.md)"""
 
 
 @travels(priority=1, remote=True)

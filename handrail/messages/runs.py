@@ -126,6 +126,8 @@ class RunState(Message):
     """transitions that name this level or one above it are asked about"""
     detail: str = ""
     """why it failed, stopped, or paused by itself"""
+    warnings: list[str] = []
+    """what of it looks like past runs that failed"""
     time_ns: int = 0
 
 

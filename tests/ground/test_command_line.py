@@ -25,6 +25,7 @@ VERBS = [
     "deployments",
     "plan",
     "node",
+    "learn",
     "robot",
     "new",
     "behaviour",

@@ -1,0 +1,1 @@
+"""What past runs tell about the next one."""

@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Mapping
 from pathlib import Path
 
+from engines.nodes import composite
 from engines.nodes.node import Node, load
 from engines.nodes.pace import Rates, Share
 from engines.nodes.ports import MissingError, Output, Param, PortError, _Port
@@ -31,6 +32,7 @@ from engines.nodes.wire import (
     ToNode,
     Wire,
 )
+from handrail.config import ConfigError
 
 BEAT_S = 0.4
 _PAGE = resource.getpagesize()
@@ -151,7 +153,7 @@ def main(file: Path, connection: socket.socket) -> int:
     wire = Wire(connection, ToNode)
     child = Child(wire)
     try:
-        kind = load(file)
+        kind = composite.read(file) if file.suffix == ".yaml" else load(file)
         _limit(kind)
         node = kind()
         doc = (kind.__doc__ or "").strip()
@@ -159,8 +161,13 @@ def main(file: Path, connection: socket.socket) -> int:
         limits = Limits(kind.step_limit_s, kind.memory_mb, kind.cpu_share, kind.restarts)
         wire.send(Hello(file.stem, doc, kind.every, limits, *ports, process=os.getpid()))
         child.run(node)
+    except ConfigError as problem:  # a composite's file: it says where
+        with contextlib.suppress(OSError):
+            wire.send(Failed(why=str(problem), traceback=""))
+        return 1
     except Exception as problem:  # noqa: BLE001 (whatever it is, the host tells it)
-        why = f"{type(problem).__name__}: {problem}".rstrip(": ")
+        notes = "".join(f" ({note})" for note in getattr(problem, "__notes__", ()))
+        why = f"{type(problem).__name__}: {problem}".rstrip(": ") + notes
         with contextlib.suppress(OSError):
             wire.send(Failed(why=why, traceback=traceback.format_exc()))
         return 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 from collections.abc import Mapping
@@ -12,12 +13,15 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from engines.nodes import library
+from engines.nodes import composite, library
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.node import Case, Node, load
 from engines.nodes.ports import PortError, plain
+from handrail.config import ConfigError
 
 app = typer.Typer(help="Process nodes.", no_args_is_help=True, add_completion=False)
+_LOOK_S = 0.5
+"""between two looks at its file"""
 _out = Console()
 _err = Console(stderr=True)
 
@@ -61,11 +65,13 @@ def test(node: Name) -> None:
     """Try a node's own cases, each in a new process. Exits with 1 when one fails, or there are none."""
     file = _file(node)
     try:
-        kind = load(file)
+        kind = composite.read(file) if file.suffix == ".yaml" else load(file)
+    except ConfigError as problem:
+        _fail(str(problem))
     except Exception as problem:  # noqa: BLE001 (whatever the node's code raises is the test's finding)
         _fail(f"{file}: {type(problem).__name__}: {problem}")
     if not kind.cases:
-        _fail(f"{file}: has no cases to try; expected `cases = [Case(inputs=[...], outputs={{...}})]`")
+        _fail(f"{file}: has no cases to try; expected cases, each with inputs and outputs")
     failed = 0
     for number, case in enumerate(kind.cases, 1):
         wrong = _try(file, kind, case)
@@ -99,6 +105,9 @@ def run(
     set_: Annotated[list[str] | None, typer.Option("--set", help="parameter=VALUE")] = None,
     input_: Annotated[list[str] | None, typer.Option("--input", help="input=VALUE, as JSON; a text as it is.")] = None,
     steps: Annotated[int, typer.Option(min=1, help="End after so many steps.")] = 1,
+    reload: Annotated[
+        bool, typer.Option(help="Of a node that steps by itself: go on in its file as that changes.")
+    ] = True,
 ) -> None:
     """Run a node in its process and print what it writes, as a line of JSON each step. Ctrl-C ends it.
 
@@ -126,7 +135,10 @@ def run(
                     process.step(inputs)
             else:
                 process.put(inputs)
-                done.wait()
+                while not done.wait(_LOOK_S):
+                    if reload:
+                        with contextlib.suppress(NodeFailed):  # it goes on as it was, and has said why
+                            process.reload()
         except NodeFailed as failure:
             failures.append(failure)
         except KeyboardInterrupt:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from engines.nodes import library
 from engines.nodes.failure import NodeFailed
 from engines.nodes.launcher import NodesProcess
 from engines.nodes.life import Life
@@ -53,6 +54,9 @@ class NodeProcess:
         """of who asks it: it does one thing after the other"""
         self._closing = closing or threading.Event()
         self._failure: NodeFailed | None = None
+        self._reloading = threading.Lock()
+        self._puts = 0
+        self._version = _version(file)
         self._life = self._begun()
         self._take_over(self._life)
 
@@ -80,6 +84,43 @@ class NodeProcess:
         """One step with these inputs; the outputs that it wrote. Raises NodeFailed: declined, raised, hung, killed."""
         return self._ask(inputs or {}, params or {}, step=True)
 
+    def reload(self) -> bool:
+        """Go on in the file as it is now, between two calls, with the parameters and inputs that it still has. False: no change.
+
+        Raises NodeFailed when the new version can't be loaded or started: then the node goes on in the version that it had. Told
+        either way (`noted`).
+        """
+        with self._reloading:
+            version = _version(self.file)
+            if version == self._version:
+                return False
+            with self._turn:
+                puts, inputs, params = self._puts, dict(self._inputs), dict(self._params)
+            fresh = self._new()
+            try:
+                fresh.load(inputs, params, fitting=True)
+            except NodeFailed as problem:
+                self._version = version  # tried once, until it changes again
+                self._noted(f"goes on in the version that it had: {problem.why}")
+                raise
+            with self._turn:
+                with self._lock:
+                    before, self._failure = self._life, None
+                    self.restarted = 0
+                self._take_over(fresh)
+                inputs, params = fresh.fitting("inputs", self._inputs), fresh.fitting("params", self._params)
+                if self._puts != puts:  # while it was loaded
+                    fresh.ask(inputs, params, step=False)
+                gone = sorted((self._inputs.keys() - inputs.keys()) | (self._params.keys() - params.keys()))
+                self._inputs, self._params, self._version = inputs, params, version
+            before.told = lambda outputs: None
+            before.end()
+            if self._closing.is_set():
+                fresh.end()
+        lost = f"; it has no {', '.join(gone)} of that kind any more" if gone else ""
+        self._noted(f"goes on in version {version[:8]}{lost}")
+        return True
+
     def close(self) -> None:
         """End it: asked first, killed a second later."""
         self._closing.set()
@@ -102,19 +143,23 @@ class NodeProcess:
             found = life.ask(inputs, params, step=step)
             self._inputs.update(inputs)
             self._params.update(params)
+            self._puts += 1
             return found
 
     # ------------------------------------------------------------------------------------------------------------- its lives
 
     def _begun(self) -> Life:
         """A new process, loaded with what the node has been given. Raises NodeFailed."""
-        life = Life(self.file, said=self._said, closing=self._closing, silent_s=self._silent_s, window_s=self._window_s)
+        life = self._new()
         life.load(self._inputs, self._params)
         return life
 
+    def _new(self) -> Life:
+        return Life(self.file, said=self._said, closing=self._closing, silent_s=self._silent_s, window_s=self._window_s)
+
     def _take_over(self, life: Life) -> None:
         """From now on it is the one that is asked and listened to."""
-        life.told, life.noted = self._told, self._note
+        life.told, life.noted = self._told, self._noted
         life.over = lambda failure: self._over(life, failure)
         with self._lock:
             self._life = life
@@ -138,7 +183,7 @@ class NodeProcess:
                 return
             delay_s = min(_FIRST_DELAY_S * 2**self.restarted, _LONGEST_DELAY_S)
             self.restarted += 1
-            self._note(f"is started anew in {delay_s:g} s ({self.restarted} of {limit} times): {failure.why}")
+            self._noted(f"is started anew in {delay_s:g} s ({self.restarted} of {limit} times): {failure.why}")
             if self._closing.wait(delay_s):
                 return
             try:
@@ -149,14 +194,24 @@ class NodeProcess:
                 failure = problem
                 continue
             with self._lock:
-                self._failure = None
+                superseded = self._life is not life  # a new version has taken over meanwhile
+                if not superseded:
+                    self._failure = None
+            if superseded:
+                fresh.end()
+                return
             self._take_over(fresh)
             if self._closing.is_set():  # `close` has ended the one before
                 fresh.end()
             return
 
-    def _note(self, text: str) -> None:
-        self._noted(text)
-
     def _printed(self, text: str) -> None:
         print(f"node {self.file.stem}: {text}", file=sys.stderr, flush=True)
+
+
+def _version(file: Path) -> str:
+    """Empty while there is no file."""
+    try:
+        return library.version(file)
+    except OSError:
+        return ""

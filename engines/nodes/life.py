@@ -66,12 +66,17 @@ class Life:
         self.noted: Callable[[str], None] = lambda text: None
         self.over: Callable[[NodeFailed], None] = lambda failure: None
 
-    def load(self, inputs: Mapping[str, Any], params: Mapping[str, Any]) -> None:
-        """Wait until it has started with these. Raises NodeFailed; then it has ended."""
+    def load(self, inputs: Mapping[str, Any], params: Mapping[str, Any], *, fitting: bool = False) -> None:
+        """Wait until it has started with these. Raises NodeFailed; then it has ended.
+
+        :param fitting: leave out inputs and parameters that it has not, or not of that kind any more
+        """
         hello = self._next()
         if not isinstance(hello, Hello):
             raise self._given_up(hello, f"was not loaded within {_LOAD_S:g} s")
         self.hello = hello
+        if fitting:
+            inputs, params = self.fitting("inputs", inputs), self.fitting("params", params)
         try:
             first = Put(inputs=self.packed("inputs", inputs), params=dict(params))
         except NodeFailed:
@@ -169,6 +174,15 @@ class Life:
                     f"{ports[:-1]} {name}: got {str(value)[:80]}; expected {kinds[name].expected}"
                 ) from problem
         return packed
+
+    def fitting(self, ports: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Those of the values that its `inputs` or `params` can take by name and kind."""
+        kinds = {port.name: KINDS[port.kind] for port in getattr(self.hello, ports)}
+        fit = {}
+        for name, value in values.items():
+            with contextlib.suppress(KeyError, ValueError, TypeError):
+                fit[name] = kinds[name].take(value)
+        return fit
 
     def _read(self, stepped: Stepped) -> dict[str, Any]:
         kinds = {port.name: KINDS[port.kind] for port in self.hello.outputs}

@@ -25,6 +25,8 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., float], int, int]] = {
     "acos": (math.acos, 1, 1),
     "atan2": (math.atan2, 2, 2),
     "sqrt": (math.sqrt, 1, 1),
+    "abs": (abs, 1, 1),
+    "floor": (math.floor, 1, 1),
     "min": (min, 2, 16),
     "max": (max, 2, 16),
 }

@@ -62,7 +62,7 @@ def moved_along(axis: Array, origin: Array, angle: float, distance: float) -> Ar
 def shortest_turn(start: Sequence[float], end: Array) -> Array:
     """(3, 3): the shortest rotation that brings one unit vector along another; of opposite ones, about some axis across."""
     first = np.asarray(start, float)
-    axis, cosine = np.cross(first, end), float(first @ end)
+    axis, cosine = skew(first) @ end, float(first @ end)
     if cosine < -1 + 1e-9:
         across = np.cross(first, np.eye(3)[int(np.argmin(np.abs(first)))])
         return turn_about(across / np.linalg.norm(across), math.pi)
@@ -82,7 +82,7 @@ def pointing(direction: Array, across: Array | None = None) -> Array:
     if length < 1e-6:
         raise ValueError("is parallel to the pointing direction; expected one across it")
     y = y / length
-    return np.column_stack([np.cross(y, z), y, z])
+    return np.column_stack([skew(y) @ z, y, z])
 
 
 def of_message(pose: Pose) -> Array:

@@ -40,6 +40,7 @@ class Tree:
     ):  # fmt: skip
         self._numbers, self._objects, self._joints, self._materials = numbers, objects, joints, materials
         self._names = names
+        self._posed: dict[tuple[tuple[str, float], ...], Posed] = {}
         self._object_parts = self._parts("objects", objects)
         self._joint_parts = self._parts("joints", joints)
 
@@ -79,7 +80,10 @@ class Tree:
 
     def at(self, state: Mapping[str, float]) -> Posed:
         """With the joints at `state`, rad (m); those not named at 0."""
-        return Posed(self, state)
+        key = tuple(state.items())
+        if key not in self._posed:
+            self._posed[key] = Posed(self, dict(state))
+        return self._posed[key]
 
 
 class Posed:

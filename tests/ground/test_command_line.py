@@ -26,6 +26,7 @@ VERBS = [
     "plan",
     "node",
     "learn",
+    "template",
     "robot",
     "new",
     "behaviour",

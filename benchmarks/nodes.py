@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row, against
-from engines.nodes import usage
 from engines.nodes.host import NodeProcess
 from engines.nodes.launcher import LAUNCHER
+from handrail import usage
 
 NODES, RATE_HZ = 50, 10.0
 _MEASURED_S = 10.0

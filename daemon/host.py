@@ -25,7 +25,7 @@ import typer
 from daemon import exchange, timing
 from daemon.exchange import mailbox, ring
 from daemon.exchange.shared_file import drop_unless_fit
-from daemon.serving.health import clear_health, write_health
+from daemon.serving.health import clear_health, write_health, write_processes
 from daemon.supervisor import Child, StartError, Supervisor
 from handrail.config import ConfigError
 from handrail.robot import description as robots
@@ -289,6 +289,7 @@ def _serve(processes: list[Child], runtime: Runtime, port: int | None) -> None:
         },
     )
     supervisor.on_health = lambda health: write_health(runtime.folder, health)
+    supervisor.on_processes = lambda processes: write_processes(runtime.folder, processes)
     # A signal that comes just before a wait begins would be handled only after it: its arrival ends the wait, too.
     signal.set_wakeup_fd(supervisor.wake_fd, warn_on_full_buffer=False)
     numbers = [signal.SIGINT, signal.SIGTERM]

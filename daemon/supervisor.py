@@ -17,6 +17,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO
 
+from daemon.serving.health import ProcessTold
+
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -24,6 +26,8 @@ FIRST_DELAY_S, LONGEST_DELAY_S = 0.25, 10.0
 """before a child is started anew; doubled at every death"""
 STEADY_S = 10.0
 """a child that was ready for so long before it died is started anew after the first delay again"""
+_LINES_S = 0.1
+"""between two times that last words are told"""
 END_S = 2.0
 """from SIGTERM to SIGKILL"""
 
@@ -70,6 +74,8 @@ class _Kept:
     start_at: float = 0.0
     deaths: int = 0
     ever_up: bool = False
+    last: str = ""
+    """line said by it or about it"""
     partial: dict[str, bytes] = field(default_factory=dict)
     """by stream, the line that has not ended yet"""
 
@@ -107,6 +113,9 @@ class Supervisor:
         self._end_asked = False
         self.on_health: Callable[[dict[str, str]], None] = lambda health: None
         """called with `health()` at every change"""
+        self.on_processes: Callable[[list[ProcessTold]], None] = lambda processes: None
+        """called when a state has changed, and for new last words at most ten times a second"""
+        self._told_at, self._untold = 0.0, False
 
     def health(self) -> dict[str, str]:
         """Child → `up`, `starting`, `waiting`, or `down, starting anew` with the count of its deaths."""
@@ -115,6 +124,14 @@ class Supervisor:
             deaths = f" (died {kept.deaths} times)" if kept.deaths > 1 else " (died once)" if kept.deaths else ""
             told[name] = "down, starting anew" + deaths if kept.state is State.BACK_OFF else kept.state.value + deaths
         return told
+
+    def processes(self) -> list[ProcessTold]:
+        """All children, in the order of their start."""
+        now = time.time() - time.monotonic()
+        return [
+            ProcessTold(name, kept.state.value, self.pid(name), now + kept.since, kept.deaths, kept.last)
+            for name, kept in self._kept.items()
+        ]
 
     def pid(self, name: str) -> int | None:
         """The process of a child, None while it has none."""
@@ -157,6 +174,8 @@ class Supervisor:
         """Start what may start, then deal with what happens within `timeout_s` (None: until something does)."""
         now = time.monotonic()  # the same for both: what falls due between two looks would never be woken for
         self._start_due(now)
+        if self._untold and now - self._told_at >= _LINES_S:
+            self._tell_processes()
         due = self._next_due(now)
         if due is not None:
             timeout_s = due if timeout_s is None else min(due, timeout_s)
@@ -172,7 +191,7 @@ class Supervisor:
         now = time.monotonic()
         for kept in self._kept.values():
             if kept.state is State.STARTING and now - kept.since > kept.child.ready_s and kept not in died:
-                self._report(kept.child.name, f"is not ready after {kept.child.ready_s:g} s: ended")
+                self._say(kept.child.name, f"is not ready after {kept.child.ready_s:g} s: ended")
                 self._kill(kept)
                 died.append(kept)
         for kept in died:
@@ -208,6 +227,8 @@ class Supervisor:
         moments = [
             kept.start_at for kept in self._kept.values() if kept.state is State.BACK_OFF and kept.start_at > now
         ]
+        if self._untold:
+            moments.append(self._told_at + _LINES_S)
         moments += [kept.since + kept.child.ready_s for kept in self._kept.values() if kept.state is State.STARTING]
         return max(0.0, min(moments) - now + 1e-3) if moments else None
 
@@ -245,6 +266,16 @@ class Supervisor:
 
     def _tell_health(self) -> None:
         self.on_health(self.health())
+        self._tell_processes()
+
+    def _tell_processes(self) -> None:
+        self._told_at, self._untold = time.monotonic(), False
+        self.on_processes(self.processes())
+
+    def _say(self, name: str, text: str) -> None:
+        """A line of a child, or about it."""
+        self._report(name, text)
+        self._kept[name].last, self._untold = text, True
 
     # -------------------------------------------------------------------------------------------------- watch
 
@@ -269,9 +300,9 @@ class Supervisor:
                 took = time.monotonic() - kept.since
                 kept.ever_up = True
                 self._enter(kept, State.UP)
-                self._report(kept.child.name, f"up after {took:.1f} s")
+                self._say(kept.child.name, f"up after {took:.1f} s")
             elif text:
-                self._report(kept.child.name, text)
+                self._say(kept.child.name, text)
         return bool(data)
 
     def _died(self, kept: _Kept, *, first_start: bool) -> None:
@@ -283,12 +314,12 @@ class Supervisor:
         kept.deaths += 1
         if steady:
             kept.delay_s = FIRST_DELAY_S
-        self._report(kept.child.name, f"{problem}; starting it anew in {kept.delay_s:g} s")
+        self._say(kept.child.name, f"{problem}; starting it anew in {kept.delay_s:g} s")
         self._back_off(kept, kept.delay_s)
         kept.delay_s = min(2 * kept.delay_s, LONGEST_DELAY_S)
         for other in self._kept.values():
             if kept.child.name in other.child.bound_to and other.process is not None:
-                self._report(other.child.name, f"ended, since it can't go on without {kept.child.name}")
+                self._say(other.child.name, f"ended, since it can't go on without {kept.child.name}")
                 self._end_one(other)
                 self._back_off(other, 0.0)
 
@@ -333,7 +364,7 @@ class Supervisor:
             dead = False
             while not dead:
                 if (left := deadline - time.monotonic()) <= 0:
-                    self._report(kept.child.name, f"did not end within {END_S:g} s of SIGTERM: killed")
+                    self._say(kept.child.name, f"did not end within {END_S:g} s of SIGTERM: killed")
                     self._kill(kept)
                     break
                 for key, _ in watched.select(left):

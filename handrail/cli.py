@@ -22,6 +22,7 @@ Start here:
 
 _VERBS = {
     "up": "Start a robot's service: plant (if simulated), daemon, engine and link.",
+    "top": "What the processes of the robot that is up use, how often they were started anew, and their last words.",
     "stop": "Operator stop over the local socket; --clear unlatches it.",
     "demo": "Turn a valve with the whole stack and judge it by the plant's ground truth.",
     "tablet": "Open the operator's window.",

@@ -13,8 +13,8 @@ from engines.nodes import library
 from engines.nodes.failure import NodeFailed
 from engines.nodes.launcher import NodesProcess
 from engines.nodes.life import Life
-from engines.nodes.usage import Watch
 from engines.nodes.wire import Hello
+from handrail.usage import Watch
 
 __all__ = ["NodeFailed", "NodeProcess"]
 

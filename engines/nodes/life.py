@@ -18,8 +18,8 @@ from engines.nodes.launcher import LAUNCHER
 from engines.nodes.log import NodeLog
 from engines.nodes.ports import KINDS
 from engines.nodes.reactor import REACTOR
-from engines.nodes.usage import Watch
 from engines.nodes.wire import Beat, Declined, End, Failed, FromNode, Hello, Noted, Put, Ready, Stepped, Wire
+from handrail.usage import Watch
 
 _LOAD_S = 60.0
 """of wall time to import what a node imports: an empty cache, a busy machine"""

@@ -22,7 +22,7 @@ import msgspec
 
 from engines.nodes import child
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
 _LONGEST = 1 << 20
 
 
@@ -107,6 +107,8 @@ def _become(order: Fork, wire: int, log: int) -> None:
     """Never returns."""
     status = 1
     try:
+        name = Path(order.file).stem.encode()
+        ctypes.CDLL(None).prctl(_PR_SET_NAME, name)  # what `handrail top`, ps and top call it
         os.setsid()  # a group of its own: what it starts is ended with it, and Ctrl-C is its host's
         for stream in (1, 2):
             os.dup2(log, stream)

@@ -13,6 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from daemon.serving.health import ProcessTold
 from daemon.supervisor import Child, StartError, Supervisor
 
 READY = """
@@ -104,6 +105,22 @@ def test_a_killed_child_is_started_anew_and_the_others_are_left_alone(watch: Cal
     assert watched.said("was ended by SIGKILL; starting it anew")
     assert watched.supervisor.health()["loop"] == "up (died once)"
     assert any(health["loop"].startswith("down") for health in watched.health)
+
+
+def test_processes_are_told_with_their_deaths_and_last_words(watch: Callable[..., Watched]) -> None:
+    told: list[list[ProcessTold]] = []
+    code = 'import os, signal\nprint("child ready", flush=True)\nprint("here", os.getpid(), flush=True)\nsignal.pause()'
+    watched = watch(script("child", code))
+    watched.supervisor.on_processes = told.append
+    watched.supervisor.start()
+    watched.until(lambda: told[-1][0].last == f"here {told[-1][0].process}")
+    (first,) = told[-1]
+    assert (first.state, first.deaths) == ("up", 0) and abs(time.time() - first.since) < 60
+    assert first.process is not None
+    os.kill(first.process, signal.SIGKILL)
+    watched.until(lambda: "was ended by SIGKILL" in told[-1][0].last and told[-1][0].state == "back-off")
+    assert (told[-1][0].process, told[-1][0].deaths) == (None, 1)
+    watched.until(lambda: told[-1][0].state == "up" and told[-1][0].last.startswith("here"))
 
 
 def test_what_is_bound_to_a_dead_child_is_ended_and_follows_it(watch: Callable[..., Watched]) -> None:
@@ -239,6 +256,7 @@ while True:
 def test_children_die_with_a_supervisor_that_is_killed() -> None:
     code = """
 import sys
+from daemon.serving.health import ProcessTold
 from daemon.supervisor import Child, Supervisor
 ready = "import time; print('child ready', flush=True); time.sleep(60)"
 supervisor = Supervisor([Child("child", (sys.executable, "-c", ready))], report=lambda *_: None)

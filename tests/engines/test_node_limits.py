@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from engines.nodes import usage
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.launcher import LAUNCHER
 from engines.nodes.log import LINES_A_SECOND
 from engines.nodes.pace import Rates, Share
+from handrail import usage
 
 NODE = """\
 import mmap, threading

@@ -10,6 +10,7 @@ from handrail import cli
 
 VERBS = [
     "up",
+    "top",
     "stop",
     "demo",
     "tablet",

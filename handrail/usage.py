@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import time
@@ -28,6 +29,17 @@ def memory_mb(process: int) -> tuple[float, float]:
     text = Path(f"/proc/{process}/smaps_rollup").read_text()
     found = {name: int(kb) * 1024 / 1e6 for name, kb in re.findall(r"^(\w+):\s+(\d+) kB", text, re.MULTILINE)}
     return found["Private_Clean"] + found["Private_Dirty"], found["Pss"]
+
+
+def descendants() -> dict[int, list[tuple[int, str]]]:
+    """Process → those that it has started and that still run: number and name (`comm`: 15 letters)."""
+    found: dict[int, list[tuple[int, str]]] = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError):  # it has just ended
+                front, _, back = (folder / "stat").read_text().rpartition(")")
+                found.setdefault(int(back.split()[1]), []).append((int(folder.name), front.partition("(")[2]))
+    return found
 
 
 class Watch:

@@ -18,7 +18,7 @@ from engines.learning.facts import RunNotes
 from engines.plans.store import PlanStore
 from engines.runs.motion import Motion
 from engines.runs.prompts import Prompts
-from handrail.messages import Along, Goal, KeyFrame, PlanMotion, PointCloud
+from handrail.messages import Along, Base, Goal, KeyFrame, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
@@ -135,6 +135,7 @@ class Planner(Protocol):
         *,
         seeds: Sequence[np.ndarray] = (),
         seen: Seen | None = None,
+        base: Base | None = None,
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...

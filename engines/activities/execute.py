@@ -14,8 +14,10 @@ from affordance_templates.template import ResolvedWaypoint
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind, Services
 from engines.plans.store import PlanRecord
 from engines.runs.motion import Motion, MotionFailed
+from handrail import compound_tasks
 from handrail.messages import ActionEvent, Along
 from handrail.topics import RefusedError
+from handrail.workspace import files
 
 
 def waypoint_of(record: PlanRecord, segment: str) -> ResolvedWaypoint | None:
@@ -33,6 +35,13 @@ def check(services: Services, record: PlanRecord, segments: Sequence[str]) -> No
             raise ActivityFailed(
                 "refused", f"plan {record.plan.id} has no segment {name!r}; expected some of {', '.join(names)}"
             )
+    compound = record.plan.compound
+    if compound and compound not in files(compound_tasks.folders(services.description.folder)):
+        raise ActivityFailed(
+            "refused",
+            f"plan {record.plan.id} moves legs, and {services.description.name} has no compound task {compound!r} to follow it "
+            f"with; expected {compound}.yaml in its compound_tasks",
+        )
     whole = not segments or names[0] in segments
     if why := services.plans.stale(record, start=whole):
         raise ActivityFailed("stale", f"the plan is stale: {why}")
@@ -59,9 +68,8 @@ def execute(
             if segments and segment.name not in segments:
                 continue
             try:
-                ended = motion.run(
-                    segment.motion(record.plan.joints), segment.ends, cancelled, what=segment.name, still=still
-                )
+                action = record.plan.motion(segment)
+                ended = motion.run(action, segment.ends, cancelled, what=segment.name, still=still)
             except MotionFailed as failed:
                 if failed.started:
                     record.reached, record.ended = index, None

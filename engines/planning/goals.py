@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -32,6 +32,8 @@ class GoalReader:
     """the frame that is meant where none is named; empty: none"""
     moving: Sequence[str]
     """joints that may move"""
+    world: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    """in the frame that constraints are said in, in which the instances are"""
 
     def constraints(self, goals: Sequence[Goal], where: str) -> list[Constraint]:
         """Raises ValueError naming the goal's place, field, value and what was expected."""
@@ -133,7 +135,7 @@ class GoalReader:
                     f"{where}.instance: got none; expected the instance that has the feature {goal.feature!r}"
                 )
             self._robot_frame(f"{where}.in_frame", goal.in_frame)
-            return pin.SE3.Identity()
+            return pin.SE3.Identity() if goal.in_frame else self.world
         if goal.in_frame:
             raise ValueError(
                 f"{where}.in_frame: got {goal.in_frame!r} beside instance {goal.instance!r}; expected one of both"

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
@@ -43,5 +44,11 @@ class Motion:
     arm: str = ""
     made_from: Mapping[str, int] = field(default_factory=dict)
     """instance → version"""
+    stands: Sequence[Constraint] = ()
+    """what holds all the way so that the robot stands"""
+    closed: bool = False
+    """legs move between feet that are held: only a way that was made as a whole keeps them"""
+    root_in_world: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    """what stands still; everything above is said in its frame"""
     seeds: Sequence[Array] = ()
     """(n,) rad each: postures to look for the goal's from, before any other"""

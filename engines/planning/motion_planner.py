@@ -11,17 +11,21 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.along import Follow, touching
-from engines.planning.collision.obstacles import obstacles_of
+from engines.planning.collision.obstacles import obstacles_of, placement_of
 from engines.planning.collision.seen import Eyes, Seen
 from engines.planning.collision.world import World
-from engines.planning.goals import GoalReader, described
+from engines.planning.footing import Footing
+from engines.planning.goals import GoalReader, described, message_of
+from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from engines.planning.ik.trajectory import TrajectorySolver
@@ -35,6 +39,7 @@ from engines.planning.waiting import never, quiet
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
+from handrail.robot.rooting import rebuilt
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -46,11 +51,19 @@ _SCENES = 4
 class MotionPlanner:
     """Plans for one robot, with its base where it is. One plan at a time."""
 
-    def __init__(self, description: RobotDescription, kinematics: Kinematics, limits: Limits):
-        """`limits` (n,) of all joints that a plan keeps."""
+    def __init__(
+        self, description: RobotDescription, kinematics: Kinematics, limits: Limits, *, standing: bool = False
+    ):
+        """`limits` (n,) of all joints that a plan keeps; `standing`: on its feet, which are held; else its base is."""
         self._description, self._limits = description, limits
         self._kinematics = Kinematics(kinematics.description)
         self.mechanism = Mechanism.of(self._kinematics)
+        self.base_frame = next(frame.name for frame in self.mechanism.model.frames if frame.type == pin.BODY)
+        self._footing: Footing | None = None
+        if standing:
+            seen_from = description.feet[0].link
+            self.mechanism = Mechanism(*rebuilt(self.mechanism.model, self.mechanism.geometry, seen_from))
+            self._footing = Footing(self.mechanism, self._kinematics, self.base_frame)
         rows = dict(zip(self.mechanism.joints, self.mechanism.q_rows.tolist(), strict=True))
         self._rows: Integers = np.array([rows[joint] for joint in description.joints], np.int64)
         self.solver = Solver(self.mechanism)
@@ -60,9 +73,15 @@ class MotionPlanner:
 
     # ----------------------------------------------------------------------------------------------------------- questions
 
-    def read(self, call: PlanMotion, instances: Sequence[Instance]) -> Motion:
-        """What a call asks for, in a world of instances. Raises ValueError naming field, value and what was expected."""
-        description = self._description
+    def read(
+        self, call: PlanMotion, instances: Sequence[Instance], position: Array | None = None, base: pin.SE3 | None = None
+    ) -> Motion:  # fmt: skip
+        """What a call asks for, in a world of instances. Raises ValueError naming field, value and what was expected.
+
+        `position` (n,) rad, of a robot that stands on its feet; `base`: in the world, None: at its origin.
+        """
+        description, root = self._description, self._root_in_world(position, base)
+        instances = [self._seen_from(root, each) for each in instances]
         if call.arm and call.arm not in description.arms:
             raise ValueError(f"arm: got {call.arm!r}; expected one of {', '.join(description.arms)}")
         only = next(iter(description.arms)) if len(description.arms) == 1 else ""
@@ -82,7 +101,8 @@ class MotionPlanner:
             raise ValueError("goals: expected at least one, or `along` without goals and key frames")
         moving = self._moving(call.joints) if call.joints else description.arms[arm].joints
         tip = description.arms[arm].tip if arm else ""
-        reader = GoalReader(description, self.mechanism, {each.name: each for each in instances}, tip, moving)
+        placed = {each.name: each for each in instances}
+        reader = GoalReader(description, self.mechanism, placed, tip, moving, root.inverse())
         used = {goal.instance for goal in (*call.goals, *call.keep) if hasattr(goal, "instance")}
         used |= {goal.instance for frame in call.through for goal in frame.goals if hasattr(goal, "instance")}
         obstacles = [each for each in instances if each.name not in call.ignore]
@@ -94,7 +114,13 @@ class MotionPlanner:
             label = f"{follow.frame} along {call.along.instance} {call.along.joint}"
             if call.along.touch and arm:
                 touched = touching(self.mechanism, description.arms[arm].tool, call.along.instance)
+        stands: list[Constraint] = []
+        if self._footing is not None and position is not None:
+            stands = self._footing.constraints(self.configuration("position", position), moving)
         return Motion(
+            stands=stands,
+            closed=self._footing is not None and not self._footing.legs.isdisjoint(moving),
+            root_in_world=root,
             goals=reader.constraints(call.goals, "goals"),
             moving=moving,
             through=[reader.constraints(each.goals, f"through[{n}].goals") for n, each in enumerate(call.through)],
@@ -108,6 +134,20 @@ class MotionPlanner:
             arm=arm,
             made_from={each.name: each.version for each in instances if each in obstacles or each.name in used},
         )
+
+    def _root_in_world(self, position: Array | None, base: pin.SE3 | None) -> pin.SE3:
+        """What stands still: the base, or the sole that the mechanism is seen from."""
+        base = pin.SE3.Identity() if base is None else base
+        if self._footing is None:
+            return base
+        if position is None:
+            raise ValueError("position: got none; expected where the joints are of a robot that stands on its feet")
+        return base * self._kinematics.frame(position, self._description.feet[0].link)
+
+    def _seen_from(self, root: pin.SE3, instance: Instance) -> Instance:
+        if root.isIdentity(0.0):
+            return instance
+        return replace(instance, pose_in_world=message_of(root.inverse() * placement_of(instance.pose_in_world)))
 
     def _moving(self, names: Sequence[str]) -> tuple[str, ...]:
         wanted: set[str] = set()
@@ -163,7 +203,8 @@ class MotionPlanner:
     def limits_of(self, joints: tuple[str, ...], q: Array) -> Limits:
         """Those of a motion of these joints, the others where they are at q (nq,)."""
         rows, all_joints = self._description.index(joints), self._limits
-        torque = PathTorque(self._kinematics, rows, q[self._rows], TORQUE_SHARE)
+        legs = self._footing.legs if self._footing is not None else ()
+        torque = PathTorque(self._kinematics, rows, q[self._rows], TORQUE_SHARE, without=legs)
         jerk = None if all_joints.jerk is None else all_joints.jerk[rows]
         return Limits(all_joints.velocity[rows], all_joints.acceleration[rows], jerk, torque)
 
@@ -184,5 +225,8 @@ class MotionPlanner:
         return found
 
     def torque_limit(self, joints: tuple[str, ...]) -> Array:
-        """(m,) N·m"""
-        return np.asarray(self._description.torque_limit[self._description.index(joints)])
+        """(m,) N·m; infinite of legs that stand: nothing here knows what each foot bears."""
+        limit = self._description.torque_limit[self._description.index(joints)].copy()
+        if self._footing is not None:
+            limit[[joint in self._footing.legs for joint in joints]] = np.inf
+        return np.asarray(limit)

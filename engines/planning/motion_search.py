@@ -18,6 +18,8 @@ from engines.planning.collision.clearances import clearances, looks
 from engines.planning.collision.connect import Budget, Connector
 from engines.planning.collision.sweep import cubics
 from engines.planning.endless import endless_of, nearest_turn, told_by, unwound
+from engines.planning.footing import COMPOUND
+from engines.planning.goals import message_of
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Constraint
@@ -48,6 +50,8 @@ _KNOTS = 4
 """of a spline, between two key frames"""
 _SAMPLES = 40
 """of a spline's way, between two key frames"""
+_BASE_SPEED = 0.05
+"""m/s, a base's mean speed at most over feet that are held: balance is reckoned at a stand"""
 _BETWEEN_S = 1.0
 """s between key frames, for the weights of speed in the optimisation; timing is made anew afterwards"""
 
@@ -80,6 +84,7 @@ class MotionSearch:
         if free:
             margin = constraints.LIMIT_MARGIN.bound
             self._always.append(kinds.JointLimits(margin=margin, joints=free, name="margin to the joint limits"))
+        self._always += motion.stands
 
     def plan(self) -> Plan:
         """See MotionPlanner.plan."""
@@ -108,6 +113,9 @@ class MotionSearch:
             raise Infeasible(
                 "clearance", self._motion.clearance - nearest.distance, "m", "where the robot stands", bound
             )
+        for missed in self._planner.solver.checker.violations(self._motion.stands, self._start):
+            words = f"({missed.what}) is {missed.value:.3g} {missed.unit}"
+            raise Infeasible(missed.constraint, missed.by, missed.unit, "where the robot stands", words)
 
     def _ways(self) -> Iterator[tuple[str, list[Array]]]:
         """Ways to try, (k, m) each between two stops."""
@@ -115,14 +123,17 @@ class MotionSearch:
         if motion.along is not None:
             yield "along", [self._followed(motion.along)]
             return
-        if motion.keep or motion.through:
+        only_whole = bool(motion.keep) or motion.closed  # nothing else keeps anything on the way
+        if only_whole or motion.through:
             try:
                 yield "spline", [self._spline()]
             except Infeasible:
-                if motion.keep:  # nothing else keeps anything on the way
+                if only_whole:
                     raise
-        if not motion.keep:
+        if not only_whole:
             yield from self._stop_by_stop()
+            if motion.stands and not motion.through:  # each of those ways fell over
+                yield "spline", [self._spline()]
 
     def _frame(self, q: Array, name: str) -> pin.SE3:
         """A frame in the world at q (nq,)."""
@@ -264,7 +275,7 @@ class MotionSearch:
             clearance=float(worst[CLEARANCE]),
             limit_margin=float(worst[LIMIT_MARGIN]),
         )
-        held = [replace(one, window=(0.0, float(ends[-1]))) for one in motion.keep]
+        held = [replace(one, window=(0.0, float(ends[-1]))) for one in (*motion.keep, *motion.stands)]
         for goals, end in zip(reached, ends.tolist(), strict=True):
             held += [replace(one, window=(end, end)) for one in goals]
         found = self._scene.verifier.violations(
@@ -274,6 +285,9 @@ class MotionSearch:
             raise found[0].error()
         if motion.along is not None:
             self._stays(motion.along, segments[0])
+        if motion.closed:
+            end = self._frame(self._whole(segments[-1].positions[-1:])[0], self._planner.base_frame)
+            plan = replace(plan, compound=COMPOUND, base_at_end=message_of(motion.root_in_world * end))
         return replace(plan, key_times=self._passes(segments[0]) if whole else tuple(ends[:-1].tolist()))
 
     def _certain(self, knots: Knots, where: str) -> None:
@@ -310,16 +324,16 @@ class MotionSearch:
         return tuple(Measure(name, end, np.array([max(by)])) for name, by in found.items() if by)
 
     def _watched(self, way: Array) -> float:
-        """s that a way takes at least, so that people can watch the tool."""
-        if not self._motion.arm:
-            return 0.0
-        model, places = self._mechanism.model, []
-        tip = self._mechanism.frame_id(self._planner.tip_of(self._motion.arm))
-        data = model.createData()
-        for q in self._whole(way[:: max(1, len(way) // 20)]):
-            pin.forwardKinematics(model, data, q)
-            places.append(pin.updateFramePlacement(model, data, tip).translation.copy())
-        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / TIP_SPEED if len(places) > 1 else 0.0
+        """s that a way takes at least: so that people can watch the tool, and balance on feet is a matter of where one is."""
+        motion, planner = self._motion, self._planner
+        slow = [(planner.tip_of(motion.arm), TIP_SPEED)] if motion.arm else []
+        slow += [(planner.base_frame, _BASE_SPEED)] if motion.closed else []
+        rows = self._whole(way[:: max(1, len(way) // 20)])
+        seconds = [0.0]
+        for frame, speed in slow:
+            places = np.array([self._frame(q, frame).translation for q in rows])
+            seconds.append(float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / speed)
+        return max(seconds)
 
     def _stays(self, follow: Follow, segment: Segment) -> None:
         """Raise Infeasible where the frame leaves the way that the joint leads it on, also between what was solved for."""

@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, TORQUE_SHARE, Measure, joined
 from handrail.messages import (
     EndCondition,
+    FrameLine,
     JointTrajectory,
     PathForce,
     PlanPreview,
     PlanSegment,
     PlanWaypoint,
     PlanWorst,
+    Pose,
+    PostureKnots,
     StaleCause,
+    WholeBody,
 )
 
 Array = NDArray[np.float64]
@@ -67,6 +71,21 @@ class Segment:
             path_force=self.path_force,
         )
 
+    def under(self, compound: str, joints: tuple[str, ...], base_at_end: Pose) -> WholeBody:
+        """The same for a robot that stands: the compound task's `posture` follows the knots, `height` goes to where the base ends.
+
+        The posture alone would not: where so much mass moves, the last level of whole-body control gives way.
+        """
+        knots = PostureKnots(
+            task="posture",
+            joints=list(joints),
+            times=self.times.tolist(),
+            positions=self.positions.tolist(),
+            velocities=self.velocities.tolist(),
+        )
+        height = FrameLine(task="height", duration=self.duration, goal=base_at_end)
+        return WholeBody(compound=compound, references=[knots, height])
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -90,11 +109,21 @@ class Plan:
     """entry_angle, end_angle, arc_centre in rad about the template's joint"""
     key_times: tuple[float, ...] = ()
     """s, when a motion's key frames are passed, in their order"""
+    compound: str = ""
+    """of a robot that stands and moves its legs: the compound task (docs/wbc.md) under which it follows the plan"""
+    base_at_end: Pose | None = None
+    """of such a plan: in the world; None: the base stays where it is"""
 
     @property
     def duration(self) -> float:
         """s, of all segments"""
         return sum(segment.duration for segment in self.segments)
+
+    def motion(self, segment: Segment) -> JointTrajectory | WholeBody:
+        """One of its segments as the daemon takes it."""
+        if self.base_at_end is None:
+            return segment.motion(self.joints)
+        return segment.under(self.compound, self.joints, self.base_at_end)
 
     def segment(self, name: str) -> Segment:
         """The segment of that name. Raises KeyError naming what there is."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from affordance_templates.instance import Instance
 from engines.planning.plan import Plan
 from engines.planning.strokes.manipulation import ManipulationPlanner
-from handrail.messages import PlanMotion, PointCloud
+from handrail.messages import Base, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
@@ -32,28 +32,47 @@ class Planners:
         self._kinematics = Kinematics(description)
         self._strokes = ManipulationPlanner(description, self._kinematics)
         self.plan, self.rank = self._strokes.plan, self._strokes.rank
-        self._motions: MotionPlanner | None = None
+        self._motions: dict[bool, MotionPlanner] = {}
         self._making = threading.Lock()
 
     @property
     def motions(self) -> MotionPlanner:
+        """Of a robot whose base is held."""
+        return self._planner(standing=False)
+
+    def _planner(self, *, standing: bool) -> MotionPlanner:
         """Made when it is asked for first: many programs never do, and it has a model and geometry of its own."""
         from engines.planning.motion_planner import MotionPlanner
 
         with self._making:
-            if self._motions is None:
-                self._motions = MotionPlanner(self._description, self._kinematics, self._strokes.limits)
-            return self._motions
+            if standing not in self._motions:
+                self._motions[standing] = MotionPlanner(
+                    self._description, self._kinematics, self._strokes.limits, standing=standing
+                )
+            return self._motions[standing]
 
     def motion(
         self, call: PlanMotion, instances: Sequence[Instance], position: Array, *, seeds: Sequence[Array] = (),
-        seen: Seen | None = None, cancelled: Callable[[], bool] | None = None,
+        seen: Seen | None = None, base: Base | None = None, cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan:  # fmt: skip
-        """What a call asks for, from where all joints are, `position` (n,) rad. See MotionPlanner."""
-        question = replace(self.motions.read(call, instances), seeds=seeds, seen=seen.obstacles if seen else ())
-        return self.motions.plan(question, position, cancelled=cancelled, progress=progress)
+        """What a call asks for, from where all joints are, `position` (n,) rad. See MotionPlanner.
+
+        `base`: of a robot where it is not fixed.
+        """
+        from engines.planning.footing import base_of
+
+        there, standing = base_of(base)
+        planner = self._planner(standing=standing)
+        question = replace(
+            planner.read(call, instances, position, there), seeds=seeds, seen=seen.obstacles if seen else ()
+        )
+        return planner.plan(question, position, cancelled=cancelled, progress=progress)
 
     def see(self, clouds: Sequence[PointCloud], time_ns: int, position: Array, instances: Sequence[Instance]) -> Seen:
         """See MotionPlanner."""
+        if self._description.base == "free":
+            raise ValueError(
+                "seen: got true; expected false, since where the base was when a cloud was taken is not known"
+            )
         return self.motions.see(clouds, time_ns, position, instances)

@@ -80,7 +80,11 @@ def causes(
     """
     found = [cause for before in origin.instances for cause in _of_instance(before, instances.get(before.name))]
     if world is not None:
-        found += _of_base(origin.world.base, world.base)
+        found += [
+            cause
+            for cause in _of_base(origin.world.base, world.base)
+            if start or plan.base_at_end is None or cause.code == "base_unknown"  # it is under way: the base is to move
+        ]
         if start:
             found += _of_joints(plan, origin, world.command)
     return found

@@ -163,10 +163,17 @@ def make_motion(
     :param seeds: (n,) rad each, postures to look for the goals from first
     """
     world, instances = start_of(services, call.after), services.affordances.instances()
-    seen = _seen(services, instances) if call.seen else None
     with _telling("no plan to the goals", "can't plan to the goals"):
+        seen = _seen(services, instances) if call.seen else None
         plan = services.planner.motion(
-            call, instances, world.command, seeds=seeds, seen=seen, cancelled=cancelled, progress=progress
+            call,
+            instances,
+            world.command,
+            seeds=seeds,
+            seen=seen,
+            base=world.base,
+            cancelled=cancelled,
+            progress=progress,
         )
     used = tuple(each for each in instances if each.name in plan.made_from)
     asked: dict[str, float | str] = {"goals": plan.label, "arm": call.arm, "clearance": call.clearance}
@@ -232,7 +239,8 @@ def start_of(services: Services, after: str) -> World:
     if not after:
         return world
     try:
-        return replace(world, command=services.plans.end(after))
+        end = services.plans.end(after)
+        return replace(end, time_ns=world.time_ns)
     except RefusedError as refused:
         raise ActivityFailed("refused", f"after: {refused}") from refused
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from affordance_templates.instance import Instance
 from affordance_templates.template import ResolvedTrajectory
-from engines.plans.freshness import Array, Cause, Origin, World, causes
+from engines.plans.freshness import Cause, Origin, World, causes
 from handrail.messages import ActionEvent, PlanMotion, PlanPreview
 from handrail.topics import refuse
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from engines.planning.plan import Plan
 
 _KEPT = 12
-_ELSEWHERE = frozenset({"start_left", "others_moved"})
+_ELSEWHERE = frozenset({"start_left", "others_moved", "base_moved"})
 """causes that the execution of the plan before it will take away"""
 
 
@@ -103,13 +103,16 @@ class PlanStore:
         words = f"it begins where {record.after} ({before.plan.label}) ends, which was not executed"
         return [Cause("not_yet", words), *(cause for cause in found if cause.code not in _ELSEWHERE)]
 
-    def end(self, id: str) -> Array:
-        """(n,) rad, where all joints are when a plan has been executed. Refused when there is no such plan."""
+    def end(self, id: str) -> World:
+        """Where all joints are when a plan has been executed, and the base. Refused when there is no such plan."""
         record = self.get(id)
         joints = {joint: row for row, joint in enumerate(record.origin.joints)}
         position = record.origin.world.command.copy()
         position[[joints[joint] for joint in record.plan.joints]] = record.plan.segments[-1].positions[-1]
-        return position
+        base, there = record.origin.world.base, record.plan.base_at_end
+        if base is not None and there is not None:
+            base = msgspec.structs.replace(base, pose_in_world=there)
+        return replace(record.origin.world, command=position, base=base)
 
     def stale(self, record: PlanRecord, *, start: bool = True) -> str:
         """The same in words; empty when the plan can be executed."""

@@ -257,7 +257,7 @@ class _Watched(Activity):
         if kind == "plan":
             plans = self.services.plans
             record: PlanRecord = plans.get(outputs["plan"])
-            rehearsal._ends.setdefault(self._state, []).append(plans.end(record.plan.id))
+            rehearsal._ends.setdefault(self._state, []).append(plans.end(record.plan.id).command)
             plan = record.plan
             rehearsal._note(
                 self._state, kind, what=plan.label, clearance=plan.clearance, limit_margin=plan.limit_margin,

@@ -308,7 +308,9 @@ class FakePlanner:
         cameras = tuple(Camera(cloud.camera, 0.0, cloud.count) for cloud in clouds)
         return Seen((), cameras)
 
-    def motion(self, call, instances, position, *, seeds=(), seen=None, cancelled=None, progress=None) -> Plan:
+    def motion(
+        self, call, instances, position, *, seeds=(), seen=None, base=None, cancelled=None, progress=None
+    ) -> Plan:
         """To where the first goal has the joints."""
         while not self.pace.wait(0.01):
             (progress or print)("waiting for the test")

@@ -6,6 +6,8 @@ Inverse dynamics along a path q(s) with derivatives q' and q″ by s, Bobrow, Du
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,12 +24,18 @@ FELT = 1e-6
 class PathTorque:
     """Of one robot, of which some joints move while all others stand."""
 
-    def __init__(self, kinematics: Kinematics, rows: NDArray[np.int64], position: Array, share: float):
-        """`rows` (m,) that move; `position` (n,) rad, where the others stand; `share`: of the torque limits that may be used."""
+    def __init__(
+        self, kinematics: Kinematics, rows: NDArray[np.int64], position: Array, share: float,
+        without: Collection[str] = (),
+    ):  # fmt: skip
+        """`rows` (m,) that move; `position` (n,) rad, where the others stand; `share`: of the torque limits that may be used.
+
+        `without`: joints whose torque is not looked at, as of legs that stand: it depends on what each foot bears.
+        """
         self._kinematics, self._rows, self._position = kinematics, rows, position.copy()
         description = kinematics.description
         self.joints = description.joints
-        self.limit = share * description.torque_limit
+        self.limit = np.where([joint in without for joint in self.joints], np.inf, share * description.torque_limit)
         """(n,) N·m that may be used, all joints'"""
         self._friction = np.array([actuator.friction for actuator in description.actuators])
 
@@ -50,5 +58,5 @@ class PathTorque:
         """(a, b, c, joints): τ = a s̈ + b ṡ² + c, each (k, j) N·m, of those joints (j,) that feel the motion."""
         a, _ = self.needed(q, np.zeros_like(slope), slope)
         b, c = self.needed(q, slope, curvature)
-        felt = np.flatnonzero((np.abs(a) + np.abs(b)).max(axis=0) > FELT)
+        felt = np.flatnonzero(((np.abs(a) + np.abs(b)).max(axis=0) > FELT) & np.isfinite(self.limit))
         return a[:, felt], b[:, felt], c[:, felt], felt

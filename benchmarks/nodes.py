@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row, against
+from engines.nodes import shared
 from engines.nodes.host import NodeProcess
 from engines.nodes.launcher import LAUNCHER
 from handrail import usage
@@ -42,6 +43,19 @@ class Counter(Node):
         self._count += self.add
         self.count, self.wrench = self._count, np.zeros(6)
 """
+_IMAGES = 40
+_PASS = """\
+from engines.nodes import Input, Node, Output, shared
+
+shared.LEAST_BYTES = {least}
+
+class Pass(Node):
+    image = Input("array")
+    same = Output("array")
+
+    def step(self):
+        self.same = self.image
+"""
 
 
 def rows() -> list[Row]:
@@ -50,7 +64,7 @@ def rows() -> list[Row]:
         periodic, asked = Path(folder) / "periodic.py", Path(folder) / "asked.py"
         periodic.write_text(_NODE.format(more=f"every = {1 / RATE_HZ!r}"))
         asked.write_text(_NODE.format(more=""))
-        return [*_start(asked), *_many(periodic)]
+        return [*_start(asked), _image(Path(folder)), *_many(periodic)]
 
 
 def _start(file: Path) -> list[Row]:
@@ -74,6 +88,28 @@ def _start(file: Path) -> list[Row]:
             peer="its share of all (PSS)", peer_value=round(shared_mb, 1)),
         Row(name="threads of the warm process", value=threads, unit="", goal="1", holds=threads == 1),
     ]  # fmt: skip
+
+
+def _image(folder: Path) -> Row:
+    """A picture of 0.9 MB to a node and back: processor time of both."""
+    image = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
+    cost = []
+    usual = shared.LEAST_BYTES
+    for least in (usual, 1 << 60):
+        file = folder / f"pass_{least}.py"
+        file.write_text(_PASS.format(least=least))
+        shared.LEAST_BYTES = least
+        try:
+            with NodeProcess(file) as process:
+                process.step({"image": image})
+                before = time.process_time() + usage.processor_s(process.process.pid)
+                for _ in range(_IMAGES):
+                    process.step({"image": image})
+                after = time.process_time() + usage.processor_s(process.process.pid)
+        finally:
+            shared.LEAST_BYTES = usual
+        cost.append((after - before) / _IMAGES * 1e3)
+    return against("an image to a node and back", cost[0], "ms", "through their socket", cost[1], at_most=0.7)
 
 
 def _many(file: Path) -> list[Row]:

@@ -15,8 +15,9 @@ from pathlib import Path
 
 from engines.nodes import composite
 from engines.nodes.node import Node, load
-from engines.nodes.pace import Rates, Share
+from engines.nodes.pace import TELL_S, Rates, Share
 from engines.nodes.ports import MissingError, Output, Param, PortError, _Port
+from engines.nodes.shared import BLOCKS
 from engines.nodes.wire import (
     Beat,
     Declined,
@@ -46,6 +47,7 @@ class Child:
         self._node: Node
         self._began = 0.0
         self._started = False
+        self._left_out_at: dict[str, float] = {}
         threading.Thread(target=self._beats, name="beats", daemon=True).start()
 
     def run(self, node: Node) -> None:
@@ -107,8 +109,15 @@ class Child:
             return
         due = self._rates.due(self._node.written, time.monotonic())
         self._node.written.clear()
-        if due:
-            self._wire.send(Stepped(0, self._node.packed(due), took))
+        if not due:
+            return
+        now = time.monotonic()
+        for name in self._wire.send(Stepped(0, self._node.packed(due), took), leave_out=True):
+            if now - self._left_out_at.get(name, -TELL_S) >= TELL_S:
+                self._left_out_at[name] = now
+                self._note(
+                    f"output {name}: whoever got it still looks at {BLOCKS} of its arrays: newer ones are left out"
+                )
 
     def _note(self, text: str) -> None:
         self._wire.send(Noted(text))

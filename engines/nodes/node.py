@@ -98,13 +98,13 @@ class Node:
         self.values.update({name: ports[name].taken(value) for name, value in values.items()})
 
     def take_written(self) -> dict[str, Any]:
-        """Outputs written since this was last called, as MessagePack carries them."""
+        """Outputs written since this was last called, as the wire carries them."""
         written = sorted(self.written)
         self.written.clear()
         return self.packed(written)
 
     def packed(self, outputs: Collection[str]) -> dict[str, Any]:
-        """These as MessagePack carries them."""
+        """These as the wire carries them."""
         return {name: self.outputs[name].kind.pack(self.values[name]) for name in outputs}
 
 

@@ -23,7 +23,7 @@ class Kind:
     take: Callable[[Any], Any]
     """a value as the node sees it; raises ValueError or TypeError for what is none"""
     pack: Callable[[Any], Any] = lambda value: value
-    """that value as MessagePack carries it, which `take` reads again"""
+    """that value as the wire carries it, which `take` reads again"""
 
 
 def _number(value: Any) -> float:
@@ -64,7 +64,7 @@ def _pose(value: Any) -> Pose:
 
 def _array(shape: tuple[int | None, ...] | None = None) -> Callable[[Any], np.ndarray]:
     def take(value: Any) -> np.ndarray:
-        if isinstance(value, Mapping):  # as `_packed` has it
+        if isinstance(value, Mapping):  # as `engines.nodes.shared.inline` has it
             array = np.frombuffer(value["data"], np.dtype(value["dtype"])).reshape(value["shape"])
         else:
             array = np.asarray(value)
@@ -74,14 +74,10 @@ def _array(shape: tuple[int | None, ...] | None = None) -> Callable[[Any], np.nd
             fits = len(shape) == array.ndim and all(b in (None, a) for a, b in zip(array.shape, shape, strict=False))
             if not fits or not np.isfinite(array).all():
                 raise ValueError
-            array = array.astype(float)
+            array = array.astype(float, copy=False)
         return array
 
     return take
-
-
-def _packed(array: np.ndarray) -> dict[str, Any]:
-    return {"shape": list(array.shape), "dtype": array.dtype.str, "data": np.ascontiguousarray(array).tobytes()}
 
 
 KINDS = {
@@ -95,8 +91,8 @@ KINDS = {
         Kind("pose", "a Pose: position m, unit quaternion (x, y, z, w)", _pose, msgspec.to_builtins),
         Kind("wrench", "6 finite numbers: force N, torque N·m", _array((6,)), np.ndarray.tolist),
         Kind("numbers", "a list of finite numbers", _array((None,)), np.ndarray.tolist),
-        Kind("cloud", "points (n, 3) m, finite", _array((None, 3)), _packed),
-        Kind("array", "an array of numbers", _array(), _packed),
+        Kind("cloud", "points (n, 3) m, finite", _array((None, 3))),
+        Kind("array", "an array of numbers", _array()),
     )
 }
 

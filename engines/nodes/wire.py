@@ -1,7 +1,11 @@
-"""What a node's process and its host say to each other: MessagePack structs, each after its length, over a socket pair."""
+"""What a node's process and its host say to each other: MessagePack structs, each after its length, over a socket pair.
+
+Arrays among inputs and outputs travel beside it where they are large (`engines.nodes.shared`).
+"""
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import struct
@@ -10,6 +14,8 @@ import time
 from typing import Any
 
 import msgspec
+
+from engines.nodes.shared import BLOCKS, Reader, Writer
 
 _LENGTH = struct.Struct("<Q")
 
@@ -113,20 +119,43 @@ class Wire:
         self._decoder = msgspec.msgpack.Decoder(kinds)
         self._lock = threading.Lock()
         self._got = bytearray()
+        self._writer, self._reader = Writer(), Reader()
         self.sent_at = 0.0
         """monotonic s, of the last message"""
 
-    def send(self, message: msgspec.Struct) -> None:
-        """Raises OSError when the other end is gone."""
-        payload = msgspec.msgpack.encode(message)
+    def send(self, message: msgspec.Struct, *, leave_out: bool = False) -> list[str]:
+        """Raises OSError when the other end is gone.
+
+        :param leave_out: large arrays where the other end still looks at all that it was sent: their names are returned
+        """
+        descriptors: list[int] = []
+        left_out: list[str] = []
         with self._lock:
-            self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
+            if isinstance(message, Put):
+                values, descriptors, _ = self._writer.prepared(message.inputs, leave_out=False)
+                message = msgspec.structs.replace(message, inputs=values)
+            elif isinstance(message, Stepped):
+                values, descriptors, left_out = self._writer.prepared(message.outputs, leave_out=leave_out)
+                message = msgspec.structs.replace(message, outputs=values)
+            payload = msgspec.msgpack.encode(message)
+            try:
+                if descriptors:
+                    socket.send_fds(self.socket, [_LENGTH.pack(len(payload))], descriptors)
+                    self.socket.sendall(payload)
+                else:
+                    self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
+            finally:
+                for each in descriptors:
+                    os.close(each)
             self.sent_at = time.monotonic()
+        return left_out
 
     def close(self) -> None:
         """Whoever sends afterwards gets an OSError."""
         with self._lock:
             self.socket.close()
+            self._reader.close()
+            self._writer.close()
 
     def receive(self, timeout_s: float | None) -> Any | None:
         """The next message, None when none came in time. Raises EOFError when the other end is gone."""
@@ -146,12 +175,20 @@ class Wire:
             return None
         payload = bytes(self._got[_LENGTH.size : end])
         del self._got[:end]
-        return self._decoder.decode(payload)
+        message = self._decoder.decode(payload)
+        if isinstance(message, Put):
+            message.inputs = self._reader.taken(message.inputs)
+        elif isinstance(message, Stepped):
+            message.outputs = self._reader.taken(message.outputs)
+        return message
 
     def read(self) -> None:
         """Read once what is there, or comes next. Raises EOFError when the other end is gone."""
         try:
-            more = self.socket.recv(1 << 20)
+            more, descriptors, _flags, _address = socket.recv_fds(
+                self.socket, 1 << 20, 2 * BLOCKS, socket.MSG_CMSG_CLOEXEC
+            )
+            self._reader.descriptors.extend(descriptors)
         except OSError:
             more = b""
         if not more:

@@ -33,6 +33,8 @@ def warm_up(kinematics: Kinematics) -> None:
         devices.age[:] = age
         robot.estimate_base(0)
         robot.estimate_forces([arm.tip for arm in kinematics.description.arms.values()])
+    for sensor in robot.sensors.values():
+        sensor.excess(robot.moved)
     if robot.stance is not None:
         robot.stance.update(kinematics.configuration(state.position), np.zeros(kinematics.model.nv))
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))

@@ -6,12 +6,16 @@ Albu-Schäffer: Robot collisions, a survey on detection, isolation, and identifi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+import math
+from collections.abc import Collection
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from daemon.state import observer_kernels as kernels
+from daemon.wbc import dynamics
+from daemon.wbc.memory import Memory
 from hal.device import DeviceState
 from hal.joint import JointState
 from handrail.compiled import compiled
@@ -38,14 +42,14 @@ class MomentumObserver:
     """
 
     def __init__(self, kinematics: Kinematics, joints: JointState, period: float):
-        self.residual, self._first = np.zeros(kinematics.model.nv), np.zeros(kinematics.model.nv)
         self.data = kinematics.model.createData()
-        """after `update`: pinocchio's velocities and accelerations (gravity's included) of the robot as it moves"""
-        self._model, self._rows, self._joints = kinematics.model, kinematics.index_v, joints
-        self._period = period
-        self._gain = 1.0 - np.exp(-2.0 * np.pi * OBSERVER_HZ * period)
-        self._velocity, self._acceleration = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        self._torque = np.zeros(len(joints))
+        self.memory = kernels.memory_of(kinematics.model, self.data)
+        """after `update`: velocities and accelerations (gravity's included) of the robot as it moves; of the kernels"""
+        self.tree = dynamics.tree(kinematics.model, kinematics.index_v)
+        self._kept = self.memory["kept"]
+        self.residual = self._kept[kernels.RESIDUAL]
+        self._rows, self._joints, self._period = kinematics.index_v, joints, period
+        self._gain = 1.0 - math.exp(-2.0 * math.pi * OBSERVER_HZ * period)
         self._running = False
 
     def stop(self) -> None:
@@ -57,12 +61,8 @@ class MomentumObserver:
         gain, torque = self._gain, self._joints.torque
         if not self._running:
             self._running, gain = True, 1.0
-            self._velocity[:], self._torque[:] = velocity, torque
-        np.subtract(velocity, self._velocity, out=self._acceleration)
-        self._acceleration /= self._period
-        self._velocity[:] = velocity
-        wanted = pin.rnea(self._model, self.data, q, velocity, self._acceleration)
-        _follow(self.residual, self._first, gain, wanted, torque, self._torque, self._rows)
+            self._kept[kernels.LAST_VELOCITY], self._kept[kernels.LAST_TORQUE, self._rows] = velocity, torque
+        kernels.observe(q, velocity, torque, gain, self._period, self.memory.table, self.tree)
 
 
 class WristSensor:
@@ -70,11 +70,9 @@ class WristSensor:
 
     def __init__(self, kinematics: Kinematics, link: str, row: int, devices: DeviceState):
         model = kinematics.model
-        self._values, self._age, self._row = devices.values[row, :6], devices.age, row
+        self._told, self._age, self._row = devices.values[row, :6], devices.age, row
         self.offset = np.zeros(6)
         """N, N·m that it tells when nothing is there, in its own axes: see daemon.state.taring"""
-        self._reading = pin.Force.Zero()
-        self._read_into = self._reading.vector
         frame = model.frames[kinematics.frame_id(link)]
         self._joint, self._placement = frame.parentJoint, frame.placement
         # Of what is beyond: the links that are fixed to it, and moving ones (a gripper's fingers) where they are at the start.
@@ -91,6 +89,7 @@ class WristSensor:
                     self.inertia += self._of(model, number, into_joint, data)
         self.frames = frozenset(model.frames[number].name for number in carried)
         """that the sensor carries, its own link included"""
+        self._known = kernels.sensor_of(self._placement, self.inertia, self._joint)
 
     def _of(self, model: pin.Model, number: int, into_joint: pin.SE3, data: pin.Data) -> pin.Inertia:
         """What begins at a frame of the model, in the carrying joint's frame: a moving joint's with all that is fixed to it."""
@@ -106,25 +105,21 @@ class WristSensor:
         """It has told something lately."""
         return bool(self._age[self._row] <= SENSOR_AGE)
 
-    def wrench(self, moved: pin.Data) -> pin.Force:
-        """What something outside exerts on what is beyond the sensor, in the frame of the joint that carries it.
+    def excess(self, moved: Memory) -> Array:
+        """(6,) N, N·m, its own axes: what it tells beyond weight and inertia of what it carries.
 
-        `moved`: with each joint's velocity and acceleration, gravity's included (pinocchio's `v`, `a_gf`).
+        `moved`: with each joint's velocity and acceleration, gravity's included (`MomentumObserver.memory`).
         """
-        velocity, acceleration = moved.v[self._joint], moved.a_gf[self._joint]
-        kept_moving = self.inertia * acceleration + self.inertia.vxiv(velocity)
-        np.subtract(self._values, self.offset, out=self._read_into)
-        return kept_moving + self._placement.act(self._reading)
+        felt = np.zeros(6)
+        kernels.feel_beyond(self._known, self._told, self.offset, moved.table, felt)
+        return felt + self.offset
 
-    def excess(self, moved: pin.Data) -> Array:
-        """(6,) N, N·m, its own axes: what it tells beyond weight and inertia of what it carries; see `wrench`."""
-        felt: Array = self._placement.actInv(self.wrench(moved)).vector + self.offset
-        return felt
-
-    @property
-    def joint(self) -> int:
-        """pinocchio's joint that carries it."""
-        return int(self._joint)
+    def at(self, frame: pin.Frame) -> tuple[Array, Array, Array]:
+        """What `kernels.feel_at` is to know of this sensor, about a frame's origin."""
+        known = self._known.copy()
+        known[kernels.FRAME_JOINT] = frame.parentJoint
+        known[kernels.FRAME_P : kernels.FRAME_P + 3] = frame.placement.translation
+        return known, self._told, self.offset
 
 
 class ExternalWrenches:
@@ -135,7 +130,7 @@ class ExternalWrenches:
         """frame → (6,) N, N·m about its origin, world axes: what something outside exerts there"""
         self._kinematics = kinematics
         self._observer = MomentumObserver(kinematics, joints, period)
-        self._gain = 1.0 - np.exp(-2.0 * np.pi * SENSOR_HZ * period)
+        self._gain = 1.0 - math.exp(-2.0 * math.pi * SENSOR_HZ * period)
         self._squared_weight = 1.0 / kinematics.description.torque_limit**2
         self._rows = kinematics.index_v
         self.sensors = {
@@ -144,73 +139,51 @@ class ExternalWrenches:
             if devices is not None and device.family == "force_torque"
         }
         """row of RobotDescription.devices → the sensor"""
-        self._sensor_of: dict[str, WristSensor | None] = {}
+        self._sensor_of: dict[str, tuple[WristSensor, tuple[Array, Array, Array]] | None] = {}
 
-    def update(self, frames: Collection[str], q: Array, velocity: Array, measured: Callable[[], pin.Data]) -> None:
-        """Once a cycle, for these frames. `measured`: gives pinocchio's data with forward kinematics at `q`."""
+    def update(self, frames: Collection[str], q: Array, velocity: Array) -> None:
+        """Once a cycle, for these frames."""
         for old in [frame for frame in self.wrenches if frame not in frames]:
             del self.wrenches[old]
         if not frames:
             self._observer.stop()
             return
         self._observer.update(q, velocity)
-        model = self._kinematics.model
+        observer = self._observer
         for frame in frames:
-            sensor, number = self._sensor(frame), self._kinematics.frame_id(frame)
-            gain = self._gain
+            sensor, gain = self._sensor(frame), self._gain
             if frame not in self.wrenches:
                 self.wrenches[frame], gain = np.zeros(6), 1.0
             wrench = self.wrenches[frame]
-            if sensor is not None and sensor.fresh:
-                data = measured()
-                origin = pin.updateFramePlacement(model, data, number).translation
-                felt = data.oMi[sensor.joint].act(sensor.wrench(self._observer.data))
-                _follow_sensor(wrench, gain, felt.vector, origin)
+            if sensor is not None and sensor[0].fresh:
+                kernels.feel_at(*sensor[1], observer.memory.table, observer.tree, gain, wrench)
             else:
-                jacobian = pin.computeFrameJacobian(model, self._observer.data, q, number, pin.LOCAL_WORLD_ALIGNED)
-                _least_squares(wrench, jacobian, self._observer.residual, self._rows, self._squared_weight)
+                self._feel_by_joints(wrench, frame, q)
 
     @property
-    def moved(self) -> pin.Data:
-        """As the observer saw the robot move in the last `update`; see WristSensor.wrench."""
-        return self._observer.data
+    def moved(self) -> Memory:
+        """As the observer saw the robot move in the last `update`; see WristSensor.excess."""
+        return self._observer.memory
 
     def by_joints(self, frame: str, q: Array) -> Array:
         """(6,) N, N·m, world axes, at a frame, as the joints tell it; after `update`."""
         wrench = np.zeros(6)
-        number = self._kinematics.frame_id(frame)
-        jacobian = pin.computeFrameJacobian(self._kinematics.model, self.moved, q, number, pin.LOCAL_WORLD_ALIGNED)
-        _least_squares(wrench, jacobian, self._observer.residual, self._rows, self._squared_weight)
+        self._feel_by_joints(wrench, frame, q)
         return wrench
 
-    def _sensor(self, frame: str) -> WristSensor | None:
+    def _feel_by_joints(self, wrench: Array, frame: str, q: Array) -> None:
+        kinematics, observer = self._kinematics, self._observer
+        number = kinematics.frame_id(frame)
+        jacobian = pin.computeFrameJacobian(kinematics.model, observer.data, q, number, pin.LOCAL_WORLD_ALIGNED)
+        _least_squares(wrench, jacobian, observer.residual, self._rows, self._squared_weight)
+
+    def _sensor(self, frame: str) -> tuple[WristSensor, tuple[Array, Array, Array]] | None:
+        """Who carries the frame, and what the kernel is to know of both."""
         if frame not in self._sensor_of:
-            carrying = (sensor for sensor in self.sensors.values() if frame in sensor.frames)
-            self._sensor_of[frame] = next(carrying, None)
+            carrying = next((sensor for sensor in self.sensors.values() if frame in sensor.frames), None)
+            place = self._kinematics.model.frames[self._kinematics.frame_id(frame)]
+            self._sensor_of[frame] = None if carrying is None else (carrying, carrying.at(place))
         return self._sensor_of[frame]
-
-
-@compiled
-def _follow(residual, first, gain, wanted, torque, last, rows):  # type: ignore[no-untyped-def]
-    """Move `first` by `gain` towards what the motion wanted beyond what the joints' springs gave in the mean, and `residual`
-    towards `first`; `last` ← torque."""
-    for i in range(rows.shape[0]):
-        j = rows[i]
-        first[j] += gain * (wanted[j] - 0.5 * (torque[i] + last[i]) - first[j])
-        residual[j] += gain * (first[j] - residual[j])
-        last[i] = torque[i]
-
-
-@compiled
-def _follow_sensor(wrench, gain, felt, origin):  # type: ignore[no-untyped-def]
-    """Move `wrench` (6,) about `origin` (3,) by `gain` towards `felt` (6,), which is about the world's."""
-    fx, fy, fz, x, y, z = felt[0], felt[1], felt[2], origin[0], origin[1], origin[2]
-    wrench[0] += gain * (fx - wrench[0])
-    wrench[1] += gain * (fy - wrench[1])
-    wrench[2] += gain * (fz - wrench[2])
-    wrench[3] += gain * (felt[3] - (y * fz - z * fy) - wrench[3])
-    wrench[4] += gain * (felt[4] - (z * fx - x * fz) - wrench[4])
-    wrench[5] += gain * (felt[5] - (x * fy - y * fx) - wrench[5])
 
 
 @compiled

@@ -15,6 +15,7 @@ from daemon.state.estimator import BaseEstimator, can_estimate
 from daemon.state.invariant_filter import GRAVITY
 from daemon.state.observer import ExternalWrenches
 from daemon.state.stance import Stance
+from daemon.wbc.memory import Memory
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
 from handrail.robot.kinematics import Kinematics
@@ -165,11 +166,11 @@ class RobotState:
         pulled to zero by the damping.
         """
         if frames or self.wrenches:
-            self._outside.update(frames, self._q, self._v, self._measured_pass)
+            self._outside.update(frames, self._q, self._v)
 
     @property
-    def moved(self) -> pin.Data:
-        """pinocchio's velocities and accelerations, as of the last `estimate_forces`."""
+    def moved(self) -> Memory:
+        """Velocities and accelerations of the model's bodies, as of the last `estimate_forces`: see WristSensor.excess."""
         return self._outside.moved
 
     def felt_by_joints(self, frame: str) -> Array:

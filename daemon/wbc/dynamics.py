@@ -56,16 +56,21 @@ def bodies(model: pin.Model) -> Array:
     table = np.zeros((model.njoints, BODY_WIDTH))
     table[0, :3] = model.gravity.linear
     for j in range(1, model.njoints):
-        row, placement, inertia, i = table[j], model.jointPlacements[j], model.inertias[j], model.idx_vs[j]
-        row[ON_R : ON_R + 9], row[ON_P : ON_P + 3] = placement.rotation.ravel(), placement.translation
+        row, i = table[j], model.idx_vs[j]
+        put_body(row, model.jointPlacements[j], model.inertias[j])
         if model.nvs[j] == 1:
             motion = np.asarray(model.joints[j].createData().S).ravel()
             row[TURNS] = motion[3:].any()
             row[AXIS : AXIS + 3] = motion[3:] if row[TURNS] else motion[:3]
             row[ARMATURE] = model.armature[i]
-        row[WEIGHS], row[LEVER : LEVER + 3] = inertia.mass, inertia.lever
-        row[INERTIA : INERTIA + 6] = inertia.inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     return table
+
+
+def put_body(row: Array, placement: pin.SE3, inertia: pin.Inertia) -> None:
+    """A body's columns but those of its axis: where its joint is on its parent, and what it weighs."""
+    row[ON_R : ON_R + 9], row[ON_P : ON_P + 3] = placement.rotation.ravel(), placement.translation
+    row[WEIGHS], row[LEVER : LEVER + 3] = inertia.mass, inertia.lever
+    row[INERTIA : INERTIA + 6] = inertia.inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
 
 
 def tree(model: pin.Model, rows: Integers) -> Integers:
@@ -114,11 +119,11 @@ def _outwards(table, tree, q, v, free, ahead):  # type: ignore[no-untyped-def]
         if free and j == 1:
             r, p = product(r, _turn_of(q[3], q[4], q[5], q[6])), add(p, rotate(r, (q[0], q[1], q[2])))
         elif turns:
-            r = product(r, _turned(axis, q[c + ahead]))
+            r = product(r, turned(axis, q[c + ahead]))
         else:
             p = add(p, rotate(r, times(q[c + ahead], axis)))
         on_parent, place = line(table, PARENT_PLACEMENT, j), line(table, PLACEMENT, j)
-        _put_placement(on_parent, r, p)
+        put_placement(on_parent, r, p)
         above = velocities[parent]
         linear, angular = three(above, 0), three(above, 3)
         linear, angular = rotate_back(r, add(linear, cross(angular, p))), rotate_back(r, angular)
@@ -129,7 +134,7 @@ def _outwards(table, tree, q, v, free, ahead):  # type: ignore[no-untyped-def]
             above = line(table, PLACEMENT, parent)
             up = by_columns(above)
             r, p = product(up, r), add(three(above, 9), rotate(up, p))
-        _put_placement(place, r, p)
+        put_placement(place, r, p)
         if free and j == 1:
             linear, angular = (v[0], v[1], v[2]), (v[3], v[4], v[5])
             for i in range(3):
@@ -154,7 +159,7 @@ def _outwards(table, tree, q, v, free, ahead):  # type: ignore[no-untyped-def]
         put(velocities[j], 3, angular)
         put(drifts[j], 0, drift)
         put(drifts[j], 3, spin)
-        _put_force(line(table, FORCE, j), known, linear, angular, drift, spin)
+        put_force(line(table, FORCE, j), known, linear, angular, drift, spin)
         _put_inertia(composite[j], known, r, p)
 
 
@@ -202,7 +207,7 @@ def _inwards(table, tree):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST, error_model="numpy")
-def _turned(axis, angle):  # type: ignore[no-untyped-def]
+def turned(axis, angle):  # type: ignore[no-untyped-def]
     """exp(angle · axis), of a unit axis (Rodrigues)."""
     s, c = math.sin(angle), math.cos(angle)
     x, y, z = axis
@@ -225,7 +230,7 @@ def _turn_of(x, y, z, w):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST, error_model="numpy")
-def _put_placement(row, r, p):  # type: ignore[no-untyped-def]
+def put_placement(row, r, p):  # type: ignore[no-untyped-def]
     for i in range(3):
         row[i], row[3 + i], row[6 + i] = r[3 * i], r[3 * i + 1], r[3 * i + 2]
     put(row, 9, p)
@@ -243,7 +248,7 @@ def _symmetric(row, first, w):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST, error_model="numpy")
-def _put_force(row, known, linear, angular, drift, spin):  # type: ignore[no-untyped-def]
+def put_force(row, known, linear, angular, drift, spin):  # type: ignore[no-untyped-def]
     """I a + v ×* I v of a body, about its joint's origin."""
     mass, lever = known[WEIGHS], three(known, LEVER)
     push = times(mass, add(linear, cross(angular, lever)))

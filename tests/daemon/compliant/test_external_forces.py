@@ -37,10 +37,13 @@ def test_an_arm_that_moves_freely_feels_nothing_and_a_push_what_it_is(in_plant, 
 
 def test_what_feels_is_compiled_before_the_loop_starts(monkeypatch, talos) -> None:
     called = []
-    for name in ("_follow", "_follow_sensor", "_least_squares"):
-        monkeypatch.setattr(observer, name, lambda *_, name=name: called.append(name))
+    kernels = [(observer.kernels, name) for name in ("observe", "feel_at", "feel_beyond")] + [
+        (observer, "_least_squares")
+    ]
+    for module, name in kernels:
+        monkeypatch.setattr(module, name, lambda *_, name=name: called.append(name))
     warm_up(Kinematics(talos))
-    assert set(called) == {"_follow", "_follow_sensor", "_least_squares"}
+    assert set(called) == {name for _, name in kernels}
 
 
 def test_a_sensor_that_falls_silent_leaves_it_to_the_joints(in_plant) -> None:

@@ -66,7 +66,7 @@ def render(resolved: ResolvedTemplate, trajectories: Sequence[str] = (), *, yaw:
     :raises ValueError: a trajectory that is not there
     """
     solids = [_Solid(solid(shape), shape.color) for shape in resolved.shapes]
-    size = _extent(solids)
+    size = min(0.25, _extent(solids))
     solids += [_axis(joint.origin, joint.axis, size) for joint in resolved.joints.values()]
     labels = [(joint.origin + joint.axis * 0.55 * size, name) for name, joint in resolved.joints.items()]
     for number, name in enumerate(trajectories):

@@ -6,10 +6,11 @@ Needs no kinematics library: the tablet reads it too. Every array has one row a 
 
 from __future__ import annotations
 
+import dataclasses
 import fnmatch
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, overload
@@ -154,10 +155,25 @@ class Camera(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=Tr
     """m"""
 
 
+class Palm(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):
+    """Where the hand that templates mean is in an arm's tip frame: it points along its −z, its fingers close along its y."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """m"""
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad"""
+
+
+_AT_THE_TIP = Palm()
+
+
 class _ArmFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     groups: list[str]
     tool: str
     tip: str = ""
+    side: Literal["", "left", "right"] | None = None
+    palm: Palm = _AT_THE_TIP
+    hand_poses: dict[str, dict[str, float]] = {}
 
 
 class _Integral(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -265,6 +281,11 @@ class Arm:
     joints: tuple[str, ...]
     tool: str
     tip: str
+    side: Literal["", "left", "right"] = ""
+    """of the body; empty: of neither"""
+    palm: Palm = _AT_THE_TIP
+    hand_poses: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    """name → joint that a gripper drives → rad or m"""
 
 
 @dataclass(frozen=True)
@@ -647,6 +668,8 @@ def _arms(
 ) -> dict[str, Arm]:
     tools = {tool.name: tool for tool in file.model.tools}
     links = {link.get("name", "") for link in tree.findall("link")}
+    limits = _limits(tree)
+    driven = {device.joint: limits[device.joint] for device in file.network.devices if device.joint in limits}
     arms = {}
     for name, arm in file.arms.items():
         if unknown := [group for group in arm.groups if group not in groups]:
@@ -665,8 +688,35 @@ def _arms(
         if arm.tip and arm.tip not in links:
             raise document.error(f"arms.{name}.tip", f"no link {arm.tip!r} in the URDF")
         chain = tuple(joint for group in arm.groups for joint in groups[group])
-        arms[name] = Arm(name, chain, arm.tool, arm.tip or tools[arm.tool].tip_frame)
+        side: Literal["", "left", "right"] = "left" if name == "left" else "right" if name == "right" else ""
+        _check_hand_poses(document, f"arms.{name}.hand_poses", arm.hand_poses, driven)
+        arms[name] = Arm(
+            name,
+            chain,
+            arm.tool,
+            arm.tip or tools[arm.tool].tip_frame,
+            side if arm.side is None else arm.side,
+            arm.palm,
+            arm.hand_poses,
+        )
     return arms
+
+
+def _check_hand_poses(
+    document: config.Document,
+    field: str,
+    poses: dict[str, dict[str, float]],
+    driven: dict[str, tuple[float, float, float, float]],
+) -> None:
+    for pose, positions in poses.items():
+        for joint, position in positions.items():
+            if joint not in driven:
+                raise document.error(
+                    f"{field}.{pose}.{joint}", f"no gripper moves it; expected one of {', '.join(driven) or 'none'}"
+                )
+            low, high = driven[joint][:2]
+            if not low <= position <= high:
+                raise document.error(f"{field}.{pose}.{joint}", f"got {position:g}; expected {low:.4g} to {high:.4g}")
 
 
 def _home(

@@ -14,7 +14,7 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -28,10 +28,13 @@ from daemon.exchange.shared_file import drop_unless_fit
 from daemon.serving.health import clear_health, write_health, write_processes
 from daemon.supervisor import Child, StartError, Supervisor
 from handrail.config import ConfigError
+from handrail.engines import FIRST, checked
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 from handrail.sole_holder import HeldElsewhere, sole_holder
+
+_MOST_ENGINES = 8
 
 
 class Clock(StrEnum):
@@ -54,6 +57,8 @@ def children(
     runtime: Runtime,
     port: int,
     engine: bool = True,
+    engines: Sequence[str] = (),
+    code: Path | None = None,
     link: bool = True,
     camera: bool = True,
     bus_timing: bool = False,
@@ -63,7 +68,8 @@ def children(
 ) -> list[Child]:
     """The processes of this robot's service, in the order in which they start. Raises UsageError and ConfigError.
 
-    `robot`: its name or folder as the user gave it.
+    `robot`: its name or folder as the user gave it; `engines`: names of those beside the first; `code`: where each keeps, in a
+    folder of its name, what is deployed to it.
     """
     simulated = any(channel.interface == "handrail" for channel in description.channels)
     if clock is Clock.LOCKSTEP and not all(channel.interface == "handrail" for channel in description.channels):
@@ -100,7 +106,11 @@ def children(
     processes.append(Child("loop", (*python, "daemon.loop", *robot_and_clock, *tape), bound_to=with_plant))
     processes.append(Child("server", (*python, "daemon.server", *robot_and_clock)))
     if engine:
-        processes.append(Child("engine", (*python, "engines.engine", "--robot", robot, *place), after=("server",)))
+        for name in (FIRST, *engines):
+            own = () if name == FIRST else ("--name", name)
+            kept = () if code is None else ("--code", str(code.absolute() / name))
+            what = ("engines.engine", "--robot", robot, *place, *own, *kept)
+            processes.append(Child(name, (*python, *what), after=("server",)))
     if link:
         processes.append(Child("link", (*python, "handrail.link.gate", *place, "--port", str(port))))
     if camera and simulated and description.cameras:
@@ -108,6 +118,23 @@ def children(
         what = ("--scene", _checked_scene(scene), *robot_and_clock)
         processes.append(Child("camera", (*python, "hal.plant.camera", *what), after=("plant",)))
     return processes
+
+
+def further_engines(text: str) -> list[str]:
+    """Names of the engines beside the first, as `--engines` says them: their number or their names. Raises UsageError."""
+    if text.isdigit():
+        if not 1 <= int(text) <= _MOST_ENGINES:
+            raise UsageError(f"--engines {text}: expected 1 to {_MOST_ENGINES}, or names")
+        return [f"{FIRST}{number}" for number in range(2, int(text) + 1)]
+    names = text.split(",")
+    try:
+        for name in names:
+            checked(name)
+    except ValueError as problem:
+        raise UsageError(f"--engines {text}: {problem}") from problem
+    if len({FIRST, *names}) <= len(names):
+        raise UsageError(f"--engines {text}: expected each name once, and the first engine is called {FIRST} already")
+    return names
 
 
 def check_network(description: RobotDescription) -> None:
@@ -203,6 +230,13 @@ def up(
         int, typer.Option(min=1, max=65534, help="TCP port of the link; events go out on the next.")
     ] = 47800,
     engine: Annotated[bool, typer.Option(help="Start the engine, which runs programs.")] = True,
+    engines: Annotated[
+        str, typer.Option(help="How many engines, or the names of further ones: vision,arm.", metavar="NUMBER|NAMES")
+    ] = "1",
+    code: Annotated[
+        Path | None,
+        typer.Option(help="Where deployed code is kept (default: the runtime folder, which a reboot empties)."),
+    ] = None,
     link: Annotated[bool, typer.Option(help="Start the link, through which tablets and scripts come.")] = True,
     camera: Annotated[bool, typer.Option(help="Start a simulated robot's cameras.")] = True,
     check: Annotated[
@@ -241,6 +275,8 @@ def up(
             runtime=place,
             port=port,
             engine=engine,
+            engines=further_engines(engines),
+            code=code,
             link=link,
             camera=camera,
             bus_timing=bus_timing,

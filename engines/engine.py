@@ -11,10 +11,12 @@ import functools
 import logging
 import queue
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ import numpy as np
 import zmq
 
 from affordance_templates.server import AffordanceServer
+from engines import identifiers
 from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
 from engines.learning.book import RunBook, location
@@ -41,12 +44,16 @@ from engines.runs.journal import RunJournal
 from engines.runs.prompts import Prompts
 from engines.runs.run import Job, PlanExecution, ProgramRun, Start
 from engines.service import DeferringService, Wake
+from engines.shared_instances import SharedInstances
+from handrail import engines as engine_names
 from handrail import messages as m
 from handrail import workspace
 from handrail.config import ConfigError
+from handrail.engines import FIRST
 from handrail.robot import description as robot_description
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
+from handrail.sole_holder import HeldElsewhere, sole_holder
 from handrail.topics import Publisher, RefusedError, refuse
 
 TipPose = Callable[[np.ndarray, str], tuple[np.ndarray, np.ndarray]]
@@ -65,11 +72,16 @@ class Engine:
         planner: Planner,
         tip_pose: TipPose,
         *,
-        name: str = "engine",
+        name: str = FIRST,
         code: Path | None = None,
     ):
-        """`code`: where deployed code is kept; None: in the runtime folder, as long as that is there."""
-        self._name = name
+        """`name`: what it is called; all but the first share the instances of that one. `code`: where deployed code is kept;
+        None: in the runtime folder, as long as that is there. Raises HeldElsewhere where an engine of that name runs.
+        """
+        self._name, first = name, name == FIRST
+        self._held = ExitStack()
+        self._held.enter_context(sole_holder(Path(engine_names.lock(runtime, name))))
+        identifiers.belong_to(name)
         self._wake = Wake()
         self._outbox: queue.SimpleQueue[msgspec.Struct] = queue.SimpleQueue()
         self._closing = threading.Event()
@@ -83,7 +95,7 @@ class Engine:
         workspace.use(self._releases.folder)
         self._breakpoints: frozenset[str] = frozenset()
         self._autonomy = "full"
-        self._journal = RunJournal(runtime.folder)
+        self._journal = RunJournal(runtime.folder, "" if first else f"{name}.")
         self._changing_runs = threading.Lock()
         """held from the moment that a run is asked to go on from another state until the new one has begun"""
         self._called_off = threading.Event()
@@ -94,9 +106,14 @@ class Engine:
         """deployment → state → where its plans ended in the last rehearsal"""
         self._job: Job | None = None
         self._run: ProgramRun | None = None
-        self._publisher = Publisher(runtime.endpoint("engine.events"))
-        daemon = DaemonClient(runtime, len(description.joints), log=lambda text: self._log("warning", text))
-        affordances = AffordanceServer(runtime.folder / "instances.json", changed=self._instance_changed)
+        self._told_status = ""
+        self._publisher = Publisher(runtime.endpoint(f"{name}.events"))
+        daemon = DaemonClient(runtime, len(description.joints), owner=name, log=lambda text: self._log("warning", text))
+        affordances = (
+            AffordanceServer(runtime.folder / "instances.json", changed=self._instance_changed)
+            if first
+            else SharedInstances(runtime, changed=self._instance_told, log=self._log)
+        )
         plans = PlanStore(affordances.instances, daemon.world, self._tell)
         self._sight = Sight(runtime)
         daemon.rested = plans.robot_rested
@@ -146,10 +163,13 @@ class Engine:
             m.GetEngine: lambda call: self._snapshot(),
             m.PutBundle: lambda call: _in_thread(functools.partial(self._put_bundle, call), "bundle"),
             m.GetReleases: lambda call: self._releases.listing(self._name),
+            m.SetJoint: lambda call: affordances.set_joint(call.name, call.joint, call.position).state(),
+            m.GetEngines: lambda call: m.Engines(engines=[self._info()]),
             m.RollBack: lambda call: _in_thread(functools.partial(self._roll_back, call), "roll back"),
         }
-        self._service = DeferringService(runtime.endpoint("engine.call"), m.EngineCall, self._answer, self._wake)
+        self._service = DeferringService(runtime.endpoint(f"{name}.call"), m.EngineCall, self._answer, self._wake)
         self._recover()
+        self._tell(self._info())
 
     # ------------------------------------------------------------------------------------------------------------- the loop
 
@@ -186,11 +206,15 @@ class Engine:
             self._job.join(0.5)
         self._publish()
         self._services.daemon.close()
+        if isinstance(self._services.affordances, SharedInstances):
+            self._services.affordances.close()
         self._sight.close()
         self._service.close()
         self._publisher.close()
         self._wake.close()
         workspace.use(None)
+        identifiers.belong_to(FIRST)
+        self._held.close()
 
     def _answer(self, call: Any) -> Any:
         try:
@@ -215,8 +239,21 @@ class Engine:
         logging.log({"info": logging.INFO, "warning": logging.WARNING}.get(level, logging.ERROR), text)
         self._tell(m.LogLine(source="engine", level=level, text=text))
 
+    def _info(self) -> m.EngineInfo:
+        run = self._run.state if self._run is not None else None
+        return m.EngineInfo(
+            name=self._name,
+            host=socket.gethostname(),
+            release=self._releases.number,
+            program=run.program if run else "",
+            status=run.status if run else "",
+        )
+
     def _instance_changed(self, state: m.InstanceState) -> None:
         self._tell(state)
+        self._instance_told(state)
+
+    def _instance_told(self, state: m.InstanceState) -> None:
         self._services.plans.instance_changed(state.name)
 
     # ------------------------------------------------------------------------------------------------------------- the calls
@@ -292,6 +329,7 @@ class Engine:
         workspace.use(self._releases.folder)
         self._log("info", f"release {release.number}: {release.program}, deployed by {release.by}")
         self._tell(m.CodeChanged(engine=self._name, release=release))
+        self._tell(self._info())
 
     def _deploy(self, call: m.Deploy) -> m.Deployment:
         with workspace.pinned(workspace.deployed()):  # all of it from one release
@@ -354,6 +392,9 @@ class Engine:
     def _run_changed(self, deployed: Deployed, state: m.RunState) -> None:
         self._journal.write(deployed, state)
         self._tell(state)
+        if state.status != self._told_status:
+            self._told_status = state.status
+            self._tell(self._info())
 
     def _run_from(self, call: m.RunFrom) -> Future[m.RunState]:
         run = self._run
@@ -496,23 +537,32 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Handrail's execution engine: instances, plans, programs, prompts.")
     parser.add_argument("--robot", required=True, help="robot's name in the library, or its folder")
     parser.add_argument("--runtime", help="folder in which the robot's processes meet")
+    parser.add_argument("--name", default=FIRST, help="its name, where it is not the robot's first engine")
+    parser.add_argument("--code", type=Path, help="folder where deployed code is kept (default: in the runtime folder)")
     options = parser.parse_args(arguments)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="engine: %(message)s")
     try:
         description = robot_description.load(options.robot)
         runtime = Runtime.at(options.runtime)
+        name = engine_names.checked(options.name)
     except ValueError as problem:
         print(problem, file=sys.stderr)
         return 2
 
     from engines.planning.planners import Planners
 
-    engine = Engine(runtime, description, Planners(description), tip_poses(description))
+    try:
+        engine = Engine(
+            runtime, description, Planners(description), tip_poses(description), name=name, code=options.code
+        )
+    except HeldElsewhere as held:
+        print(f"an engine {name} runs in {runtime.folder} already (process {held.process})", file=sys.stderr)
+        return 2
     # A signal that comes just before the poll begins would be handled only after it: its arrival must end the poll, too.
     signal.set_wakeup_fd(engine.wake_fd, warn_on_full_buffer=False)
-    for name in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(name, lambda *_: engine.stop())
-    print("engine ready", flush=True)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: engine.stop())
+    print(f"{name} ready", flush=True)
     engine.serve()
     engine.close()
     return 0

@@ -138,6 +138,10 @@ class AsyncClient:
         """True while the gate is there and knows this client's key."""
         return self.sync.connected
 
+    def at(self, engine: str) -> AsyncClient:
+        """The same connection, with programs run and deployed at another engine of the robot."""
+        return AsyncClient(self.sync.at(engine))
+
     async def close(self) -> None:
         """Open calls end as Unreachable, event streams end."""
         await asyncio.to_thread(self.sync.close)
@@ -151,6 +155,7 @@ class AsyncClient:
         return Opening(opening(), AsyncEvents.close)
 
     call = _awaited(Client.call)
+    engines = _awaited(Client.engines)
     robot = _awaited(Client.robot)
     status = _awaited(Client.status)
     enable = _awaited(Client.enable)

@@ -46,9 +46,11 @@ from handrail.messages import (
     Disable,
     EditPlan,
     Enable,
+    EngineInfo,
     EngineSnapshot,
     ExecutePlan,
     GetEngine,
+    GetEngines,
     GetInstances,
     GetPlan,
     GetReleases,
@@ -103,26 +105,32 @@ def connect(
 ) -> Client:
     """Connect to the robot whose gate listens at `address` (tcp://HOST:PORT; None: $HANDRAIL_ADDRESS, else this machine's).
 
+    tcp://HOST:PORT/ENGINE is one of its engines: as `Client.at(ENGINE)`.
+
     `keys`: a folder of keys, or None for this user's own (made on the first run; see `handrail.link.keys`). Waits `timeout_s` for
     the gate and raises Unreachable if it is not there; 0 does not wait, and the client connects as soon as the gate is up. Raises
     KeysError for keys that can't be used, ValueError for a malformed address.
     """
     own = keys if isinstance(keys, link_keys.ClientKeys) else link_keys.for_client(keys)
-    session = Session(address or os.environ.get("HANDRAIL_ADDRESS") or DEFAULT_ADDRESS, own)
+    address = address or os.environ.get("HANDRAIL_ADDRESS") or DEFAULT_ADDRESS
+    scheme, _, place = address.partition("://")
+    place, _, engine = place.partition("/")
+    session = Session(f"{scheme}://{place}" if engine else address, own)
     if timeout_s > 0:
         try:
             session.wait_connected(timeout_s)
         except BaseException:
             session.close()
             raise
-    return Client(session)
+    return Client(session, engine)
 
 
 class Client:
     """One operator's connection to a robot. Made by `connect`; reconnects by itself; close it or use it as a context."""
 
-    def __init__(self, session: Session):
-        self._session = session
+    def __init__(self, session: Session, engine: str = ""):
+        """`engine`: that calls are for which may go to several; empty: the first."""
+        self._session, self._engine = session, engine
 
     @property
     def address(self) -> str:
@@ -150,7 +158,17 @@ class Client:
 
     def call(self, message: msgspec.Struct, timeout_s: float | None = None) -> Any:
         """Any call of `handrail.messages` that may cross the link, by its struct; its answer."""
+        if self._engine and not getattr(message, "engine", self._engine):
+            message = msgspec.structs.replace(message, engine=self._engine)
         return self._session.call(message, timeout_s)
+
+    def at(self, engine: str) -> Client:
+        """The same connection, with programs run and deployed at another engine of the robot. Closed with this one."""
+        return Client(self._session, engine)
+
+    def engines(self) -> list[EngineInfo]:
+        """The robot's engines, the first one first. `events(EngineInfo)` tells when one comes, goes, or does something else."""
+        return self._session.call(GetEngines()).engines
 
     # ------------------------------------------------------------------------------------------------------------- robot
 

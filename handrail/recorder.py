@@ -48,6 +48,7 @@ from handrail.messages import (
     DaemonStatus,
     DeviceStates,
     EngineEvent,
+    EngineInfo,
     GetRobot,
     InstanceState,
     LogLine,
@@ -84,6 +85,7 @@ _AS_THEY_COME: dict[type, str] = {
     Prompt: "/prompt",
     PromptClosed: "/prompt_closed",
     CodeChanged: "/code_changed",
+    EngineInfo: "/engine",
 }
 _BACKWARDS_NS = 1_000_000_000
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import uuid
 from typing import Any
 
+from engines import identifiers
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from handrail.messages import Prompt
 from handrail.topics import RefusedError
@@ -27,7 +27,7 @@ class PromptActivity(Activity):
         if self.values["severity"] != "info":
             # Simulated time waits for a quick answer (a script's), not for a person's.
             self.services.daemon.hold_time(min(_HOLD_S, self.context.hold_s))
-        self._id = f"prompt-{uuid.uuid4().hex[:10]}"
+        self._id = identifiers.new("prompt", 10)
         values = self.values
         self.services.prompts.ask(
             Prompt(

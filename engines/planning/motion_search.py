@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -12,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines import identifiers
 from engines.planning import constraints
 from engines.planning.along import Follow
 from engines.planning.collision.clearances import clearances, looks
@@ -265,7 +265,7 @@ class MotionSearch:
             for figure in (CLEARANCE, LIMIT_MARGIN)
         }
         plan = Plan(
-            id=f"plan-{uuid.uuid4().hex[:12]}",
+            id=identifiers.new("plan", 12),
             label=motion.label,
             arm=motion.arm,
             joints=motion.moving,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from affordance_templates.server import AffordanceServer
+from engines import identifiers
 from engines.programs.program import Program
 from engines.programs.schema import Resource
 from handrail import workspace
@@ -51,7 +51,7 @@ def deploy(request: Deploy, program: Program, description: RobotDescription, aff
             raise refuse(what, f"bindings.{name}", bound or "nothing", _listed(resource, found))
     check_parameters(program, request.parameters)
     parameters = {name: parameter.default for name, parameter in program.parameters.items()} | request.parameters
-    id = f"{program.name}-{uuid.uuid4().hex[:8]}"
+    id = identifiers.new(program.name)
     return Deployed(id, program, dict(request.bindings), parameters, workspace.deployed())
 
 

@@ -65,23 +65,36 @@ def _progress(sent: int, known: int) -> None:
 
 
 @app.command("list")
-def list_(engine: Engine = "", robot: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
-    """The programs that an engine was given, and whether they are what is here."""
+def list_(robot: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """Which engine has and runs which program, and whether it is what is here."""
     with _telling(), connect(robot, keys) as client:
-        found = client.releases(engine)
-        table = Table("engine", "program", "release", "by", "since", "here", box=None)
-        for program, bundle in found.programs.items():
-            release = next((each for each in reversed(found.releases) if each.bundle == bundle), None)
-            told = (str(release.number), release.by, _time(release)) if release else ("before those kept", "", "")
-            table.add_row(found.engine, program, *told, escape(_here(program, bundle, found)))
-        if table.row_count:
-            _out.print(table)
-        else:
-            _out.print(f"{found.engine}: nothing was deployed; it runs its own library", highlight=False)
+        table = Table("engine", "program", "release", "by", "since", "here", "runs", box=None)
+        for engine in client.engines():
+            if not engine.up:
+                table.add_row(engine.name, "", "", "", "", "", "does not answer")
+                continue
+            found = client.releases(engine.name)
+            for program in found.programs.keys() | ({engine.program} - {""}):
+                runs = engine.status if engine.program == program else ""
+                table.add_row(engine.name, program, *_since(program, found), escape(_here(program, found)), runs)
+            if not found.programs and not engine.program:
+                table.add_row(engine.name, "nothing was deployed, nothing has run")
+        _out.print(table)
 
 
-def _here(program: str, bundle: str, found: Releases) -> str:
-    """What of a program is another one here."""
+def _since(program: str, found: Releases) -> tuple[str, str, str]:
+    """Release, who, when."""
+    if program not in found.programs:
+        return "the robot's own", "", ""
+    release = next((each for each in reversed(found.releases) if each.bundle == found.programs[program]), None)
+    return (str(release.number), release.by, _time(release)) if release else ("before those kept", "", "")
+
+
+def _here(program: str, found: Releases) -> str:
+    """What of a deployed program is another one here."""
+    bundle = found.programs.get(program)
+    if bundle is None:
+        return ""
     try:
         own: Bundle = bundle_of(program)
     except (ConfigError, ValueError, OSError) as problem:

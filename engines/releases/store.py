@@ -86,6 +86,12 @@ class ReleaseStore:
         entries = self._entries
         return self._folder / str(entries[-1].release.number) if entries else None
 
+    @property
+    def number(self) -> int:
+        """Of the release in force, 0: there is none."""
+        entries = self._entries
+        return entries[-1].release.number if entries else 0
+
     def listing(self, engine: str) -> m.Releases:
         """All that can be gone back to, and what is in force."""
         entries = self._entries

@@ -8,11 +8,11 @@ meanwhile; what else happens in it goes on, and where it is left by another way 
 from __future__ import annotations
 
 import threading
-import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from engines import identifiers
 from engines.programs.program import AUTONOMY
 from engines.runs.prompts import Prompts
 from handrail.messages import Prompt
@@ -61,7 +61,7 @@ class Permissions:
                 return
             if not needless:
                 prompt = Prompt(
-                    id=f"prompt-{uuid.uuid4().hex[:10]}", run=self._run, text=question.text, options=[GO_ON, STAY]
+                    id=identifiers.new("prompt", 10), run=self._run, text=question.text, options=[GO_ON, STAY]
                 )
                 self._open[key] = (prompt.id, question)
                 self._prompts.ask(prompt)

@@ -30,10 +30,10 @@ class Entry(msgspec.Struct, kw_only=True):
 class RunJournal:
     """One file, of the last run."""
 
-    def __init__(self, folder: Path):
-        """`folder`: where the robot's processes meet."""
-        self._file = folder / "run.json"
-        self._program = folder / "run"
+    def __init__(self, folder: Path, prefix: str = ""):
+        """`folder`: where the robot's processes meet; `prefix`: of the files' names, which tells the engines apart."""
+        self._file = folder / f"{prefix}run.json"
+        self._program = folder / f"{prefix}run"
 
     def write(self, deployed: Deployed, state: RunState) -> None:
         """Keep a run's state. A disk that takes nothing is logged: the run goes on."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -12,6 +11,7 @@ from typing import Any, Protocol
 import msgspec
 import numpy as np
 
+from engines import identifiers
 from engines.activities import ACTIVITIES
 from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.activities.execute import check, execute
@@ -91,7 +91,7 @@ class ProgramRun:
         self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S, heard=self._notes.moved)
         program = deployed.program
         self._parameters = {**deployed.parameters, **self._start.parameters}
-        id = self._start.run or f"run-{uuid.uuid4().hex[:8]}"
+        id = self._start.run or identifiers.new("run")
         self._context = Context(services, id, self._motion, HOLD_S, notes=self._notes)
         self._gate, self._clock = RunGate(self._waits), RunClock()
         self._gate.set_breakpoints(breakpoints)

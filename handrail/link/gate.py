@@ -26,10 +26,12 @@ import zmq.asyncio
 from zmq.auth.asyncio import AsyncioAuthenticator
 from zmq.utils import z85
 
+from handrail.engines import FIRST, running
+from handrail.engines import of as engine_of
 from handrail.link import codec, keys
 from handrail.link.backend import Backend, Gone
 from handrail.link.streams import LatestValues
-from handrail.messages import Ok, Refused, Stop, spec
+from handrail.messages import EngineInfo, Engines, GetEngines, Ok, Refused, Stop, spec
 from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, stop_now
 
@@ -43,8 +45,15 @@ _DAEMON_SILENT_S = 2.0
 """the daemon's last values are not handed to late clients once it has been silent for this long"""
 _FRAMES_OF_A_CALL = 3
 """identity, number, payload"""
+_LOOK_S = 0.5
+"""how often it is looked which engines there are"""
+_INFO_S = 1.0
+"""for an engine to say what it does"""
 _CURVE_KEY_BYTES = 32
 _DOMAIN = "handrail"
+
+
+_engines_decoder = msgspec.msgpack.Decoder(Engines)
 
 
 class PortTaken(Exception):
@@ -87,7 +96,9 @@ class Gate:
         self._events_out.setsockopt(zmq.MAXMSGSIZE, 1024)
         self._endpoints = [(self._calls, f"tcp://{bind}:{port}"), (self._events_out, f"tcp://{bind}:{port + 1}")]
         self._daemon = Backend(self._context, runtime.endpoint("daemon.call"), "daemon")
-        self._engine = Backend(self._context, runtime.endpoint("engine.call"), "engine")
+        self._engines = {FIRST: self._backend(FIRST)}
+        """those that are known to be there, and the first one"""
+        self._inside = self._context.socket(zmq.SUB)
         self._unpacker = codec.Unpacker(codec.REMOTE_CALL, codec.LARGEST_CALL)
         self._packer = codec.Packer()
         self._encoder = msgspec.msgpack.Encoder()
@@ -96,6 +107,9 @@ class Gate:
         """beginnings of the types' names that somebody wants to hear"""
         self._in_flight: dict[bytes, int] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+
+    def _backend(self, engine: str) -> Backend:
+        return Backend(self._context, self._runtime.endpoint(f"{engine}.call"), engine)
 
     def _curve_socket(self, kind: int, gate_keys: keys.GateKeys) -> zmq.asyncio.Socket:
         socket = self._context.socket(kind)
@@ -125,6 +139,7 @@ class Gate:
                 asyncio.create_task(self._take_events()),
                 asyncio.create_task(self._take_subscriptions()),
                 asyncio.create_task(self._send_latest()),
+                asyncio.create_task(self._watch_engines()),
             ]
             if ready:
                 ready.set()
@@ -138,7 +153,8 @@ class Gate:
         finally:
             self._authenticator.stop()
             self._daemon.close()
-            self._engine.close()
+            for engine in self._engines.values():
+                engine.close()
             self._context.destroy(linger=0)
 
     # ------------------------------------------------------------------------------------------------------------- calls
@@ -186,7 +202,17 @@ class Gate:
                     await self._answer(identity, number, _no_code(message, who, key))
                     return
                 message = msgspec.structs.replace(message, by=who.name)
-            backend = self._daemon if isinstance(message, codec.DAEMON_CALLS) else self._engine
+            if isinstance(message, GetEngines) and not message.engine:
+                await self._answer(identity, number, Engines(engines=await self._all_engines()))
+                return
+            backend = self._daemon
+            if not isinstance(message, codec.DAEMON_CALLS):
+                engine = engine_of(message)
+                if engine not in self._engines:
+                    known = ", ".join(self._engines)
+                    await self._answer(identity, number, _no_engine(engine, known))
+                    return
+                backend = self._engines[engine]
             try:
                 answer = await backend.call(self._encoder.encode(message), codec.timeout_s(type(message)))
             except Gone as problem:
@@ -214,19 +240,51 @@ class Gate:
             return codec.NoAnswer(message=f"Stop: the loop answered {answer!r}, expected 'stopped'")
         return Ok()
 
+    async def _all_engines(self) -> list[EngineInfo]:
+        return list(await asyncio.gather(*(self._info(name) for name in self._engines)))
+
+    async def _info(self, name: str) -> EngineInfo:
+        """What an engine says of itself."""
+        try:
+            encoded = await self._engines[name].call(self._encoder.encode(GetEngines(engine=name)), _INFO_S)
+            return _engines_decoder.decode(encoded).engines[0]
+        except (Gone, KeyError, msgspec.DecodeError):
+            return EngineInfo(name=name, up=False)
+
+    async def _watch_engines(self) -> None:
+        """Take up the engines that come, tell of those that go."""
+        up: set[str] = set()
+        while True:
+            there = set(running(self._runtime))
+            for name in there - up:
+                if name not in self._engines:
+                    self._engines[name] = self._backend(name)
+                    self._inside.connect(self._runtime.endpoint(f"{name}.events"))
+                await self._tell(await self._info(name))
+            for name in up - there:
+                await self._tell(EngineInfo(name=name, up=False))
+                if name != FIRST:
+                    self._inside.disconnect(self._runtime.endpoint(f"{name}.events"))
+                    self._engines.pop(name).close()
+            up = there
+            await asyncio.sleep(_LOOK_S)
+
+    async def _tell(self, event: msgspec.Struct) -> None:
+        await self._take_event(type(event).__name__.encode(), self._encoder.encode(event))
+
     async def _answer(self, identity: bytes, number: bytes, message: msgspec.Struct) -> None:
         await self._calls.send_multipart((identity, number, self._packer.pack(message)))
 
     # ------------------------------------------------------------------------------------------------------------ events
 
     async def _take_events(self) -> None:
-        events = self._context.socket(zmq.SUB)
+        events = self._inside
         events.setsockopt(zmq.LINGER, 0)
         events.setsockopt(zmq.RCVHWM, 10_000)
         events.setsockopt(zmq.RECONNECT_IVL, 50)
         for wanted in codec.REMOTE_EVENTS:
             events.subscribe(wanted)
-        for endpoint in ("daemon.events", "engine.events", "sensors.events"):
+        for endpoint in ("daemon.events", f"{FIRST}.events", "sensors.events"):
             events.connect(self._runtime.endpoint(endpoint))
         at_once: zmq.Socket[bytes] = zmq.Socket.shadow(events)
         while True:
@@ -287,6 +345,10 @@ def _key(frame: zmq.Frame) -> bytes:
         return str(frame.get("User-Id")).encode()
     except zmq.ZMQError:
         return b""
+
+
+def _no_engine(engine: str, known: str) -> Refused:
+    return Refused(message="no such engine", field="engine", value=engine, expected=f"one of: {known}")
 
 
 def _no_code(message: Any, who: keys.Identity | None, key: bytes) -> Refused:

@@ -91,6 +91,11 @@ from handrail.messages.end_conditions import (
     TorqueLimitEnd,
     TravelEnd,
 )
+from handrail.messages.engines import (
+    EngineInfo,
+    Engines,
+    GetEngines,
+)
 from handrail.messages.goals import (
     Along,
     FrameGoal,
@@ -108,6 +113,7 @@ from handrail.messages.instances import (
     MoveInstance,
     PlaceInstance,
     RemoveInstance,
+    SetJoint,
     SetParameters,
 )
 from handrail.messages.motions import (
@@ -265,7 +271,9 @@ __all__ = [
     "EndCondition",
     "EngineCall",
     "EngineEvent",
+    "EngineInfo",
     "EngineSnapshot",
+    "Engines",
     "ExecutePlan",
     "FixedPose",
     "Foot",
@@ -278,6 +286,7 @@ __all__ = [
     "GetChallenge",
     "GetControllers",
     "GetEngine",
+    "GetEngines",
     "GetHardware",
     "GetInstances",
     "GetPlan",
@@ -371,6 +380,7 @@ __all__ = [
     "SensorEvent",
     "SetAutonomy",
     "SetBreakpoints",
+    "SetJoint",
     "SetParameters",
     "SetRunParameters",
     "SetSpeed",
@@ -426,6 +436,7 @@ RankChoices.Reply = Choices
 PlanMotion.Reply = PlanPreview
 EditPlan.Reply = PlanPreview
 ListLibrary.Reply = Library
+SetJoint.Reply = InstanceState
 Deploy.Reply = Deployment
 CheckTask.Reply = TaskCheck
 Run.Reply = RunState
@@ -506,8 +517,12 @@ EngineCall = (
     | PutBundle
     | GetReleases
     | RollBack
+    | GetEngines
+    | SetJoint
 )
-EngineEvent = InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine | CodeChanged
+EngineEvent = (
+    InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine | CodeChanged | EngineInfo
+)
 Answer = (
     Ok
     | Refused
@@ -534,4 +549,5 @@ Answer = (
     | BundleState
     | Releases
     | RolledBack
+    | Engines
 )

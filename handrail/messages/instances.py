@@ -48,6 +48,16 @@ class SetParameters(Message):
     parameters: dict[str, float]
 
 
+@travels(priority=1)
+class SetJoint(Message):
+    """Note where an instance's joint is now believed to be. From one engine to the one that owns the instances; no edit."""
+
+    name: Name
+    joint: Name
+    position: float
+    """rad; m for a prismatic joint"""
+
+
 @travels(priority=1, remote=True)
 class RemoveInstance(Message):
     """Take an instance away."""

@@ -13,6 +13,8 @@ from handrail.messages.base import Message, Name, travels
 class ListLibrary(Message):
     """What programs and templates are there?"""
 
+    engine: str = ""
+
 
 class LibraryEntry(msgspec.Struct, kw_only=True):
     name: str
@@ -37,6 +39,8 @@ class Deploy(Message):
     bindings: dict[str, str]
     """resource → robot part or instance, e.g. arm → right, valve → wheel_1"""
     parameters: dict[str, Any] = {}
+    engine: str = ""
+    """that shall have it, empty: the first"""
 
 
 class Deployment(Message):

@@ -24,20 +24,28 @@ class Run(Message):
 class PauseRun(Message):
     """Pause the running program: the motion really stops."""
 
+    engine: str = ""
+
 
 @travels(priority=1, remote=True)
 class ResumeRun(Message):
     """Go on."""
+
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
 class StopRun(Message):
     """End the running program: cancel its motion, leave the robot holding."""
 
+    engine: str = ""
+
 
 @travels(priority=1, remote=True)
 class StepRun(Message):
     """Let a paused program go on until the next activity is about to begin."""
+
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
@@ -45,6 +53,7 @@ class SetBreakpoints(Message):
     """Pause the program before these states do what they do. Replaces those that there were; counts for the next runs too."""
 
     states: list[Name]
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
@@ -54,6 +63,7 @@ class TakeTransition(Message):
     state: Name
     way: Annotated[int, Meta(ge=0)] | None = None
     """index of the state's transition in the program's file; None: skip, by the first way that it has for being done"""
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
@@ -63,6 +73,7 @@ class RunFrom(Message):
     state: Name
     paused: bool = False
     """True: wait before the state's activity until the run is resumed or stepped"""
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
@@ -70,6 +81,7 @@ class SetRunParameters(Message):
     """Change parameters of the running program: each counts from when it is used next."""
 
     parameters: dict[str, Any]
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
@@ -77,11 +89,14 @@ class SetAutonomy(Message):
     """How much programs do without asking, from now on: transitions that name this level or one above it are asked about."""
 
     level: Literal["low", "high", "full"]
+    engine: str = ""
 
 
 @travels(priority=1, remote=True)
 class GetRunHistory(Message):
     """What the last run went through."""
+
+    engine: str = ""
 
 
 class StateVisit(msgspec.Struct, kw_only=True):
@@ -134,6 +149,8 @@ class RunState(Message):
 @travels(priority=1, remote=True)
 class GetEngine(Message):
     """Everything a late client needs: instances, fresh and stale plans, the run, open prompts."""
+
+    engine: str = ""
 
 
 class EngineSnapshot(Message):

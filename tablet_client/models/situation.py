@@ -160,6 +160,8 @@ class Situation:
     # --------------------------------------------------------------------------------------------------------- engine
 
     def _run(self, run: messages.RunState) -> None:
+        if "@" in run.run:
+            return  # another engine's than the one that this window operates (docs/deployment.md)
         before = self.task.run
         self.task.take(run)
         if before is None or before.run != run.run or before.status != run.status:

@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 from daemon import exchange
 from daemon.exchange.mailbox import MailboxReader
 from daemon.exchange.ring import StateRingWriter
-from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, sole_service, up
+from daemon.host import Clock, UsageError, check_network, children, drop_leftovers, further_engines, sole_service, up
 from daemon.replay.recorder import free_name
 from daemon.timing import TimingWriter
 from handrail.config import ConfigError
@@ -69,6 +69,25 @@ def test_a_simulated_robot_gets_plant_loop_server_engine_link_and_camera_in_this
         "camera": f"-m hal.plant.camera --scene valve --robot talos_upper --clock lockstep {where}",
     }
     assert next(child for child in made if child.name == "loop").bound_to == ("plant",)
+
+
+def test_further_engines_are_named_or_counted(talos: RobotDescription, runtime: Runtime, tmp_path: Path) -> None:
+    assert further_engines("1") == []
+    assert further_engines("3") == ["engine2", "engine3"]
+    made = children(
+        talos, robot="talos_upper", scene="valve", clock=Clock.WALL, runtime=runtime, port=47800,
+        engines=further_engines("vision"), code=tmp_path,
+    )  # fmt: skip
+    commands = {child.name: " ".join(child.command[1:]) for child in made}
+    where = f"-m engines.engine --robot talos_upper --runtime {runtime.folder}"
+    assert commands["engine"] == f"{where} --code {tmp_path / 'engine'}"
+    assert commands["vision"] == f"{where} --name vision --code {tmp_path / 'vision'}"
+
+
+@pytest.mark.parametrize("wrong", ["0", "9", "vision,vision", "engine", "Vision", "daemon", ""])
+def test_engines_that_can_not_be_are_refused(wrong: str) -> None:
+    with pytest.raises(UsageError, match=f"--engines {wrong}: "):
+        further_engines(wrong)
 
 
 def test_engine_link_and_camera_can_be_left_out(talos: RobotDescription, runtime: Runtime) -> None:

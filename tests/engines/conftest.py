@@ -337,8 +337,8 @@ class FakePlanner:
 class Stack:
     """An engine in a thread of its own, with a caller and everything that it published."""
 
-    def __init__(self, runtime: Runtime, planner: FakePlanner):
-        self.runtime, self.planner = runtime, planner
+    def __init__(self, runtime: Runtime, planner: FakePlanner, name: str = "engine"):
+        self.runtime, self.planner, self.name = runtime, planner, name
         self.events: list[Any] = []
         self._started, self._end = threading.Event(), threading.Event()
         self._changed = threading.Condition()
@@ -349,7 +349,7 @@ class Stack:
         self._threads[0].start()
         assert self._started.wait(10)
         self._threads[1].start()
-        self.caller = Caller(runtime.endpoint("engine.call"))
+        self.caller = Caller(runtime.endpoint(f"{name}.call"))
         self.listening()
 
     def _engine(self) -> None:
@@ -362,13 +362,13 @@ class Stack:
             velocity_limit=np.array([2.0, 2.0, 2.0]),
             index=lambda names: np.array([JOINTS.index(name) for name in names]),
         )
-        self.engine = Engine(self.runtime, description, self.planner, tip_pose)  # type: ignore[arg-type]
+        self.engine = Engine(self.runtime, description, self.planner, tip_pose, name=self.name)  # type: ignore[arg-type]
         self._started.set()
         self.engine.serve()
         self.engine.close()
 
     def _listen(self) -> None:
-        subscriber = Subscriber(self.runtime.endpoint("engine.events"), m.EngineEvent)
+        subscriber = Subscriber(self.runtime.endpoint(f"{self.name}.events"), m.EngineEvent)
         while not self._end.is_set():
             event = subscriber.receive(0.05)
             if event is not None:
@@ -466,6 +466,14 @@ def start(runtime: Runtime, daemon: FakeDaemon, planner: FakePlanner) -> Iterato
     yield begin
     for stack in stacks:
         stack.close()
+
+
+@pytest.fixture
+def second(stack: Stack, runtime: Runtime) -> Iterator[Stack]:
+    """An engine beside the first one."""
+    vision = Stack(runtime, FakePlanner(), "vision")
+    yield vision
+    vision.close()
 
 
 @pytest.fixture

@@ -170,13 +170,16 @@ class Stand:
         self._open: list[Any] = []
 
     def daemon(self) -> FakeService:
-        service = self._keep(FakeService(self.runtime, "daemon", DaemonCall))
+        service = self.service("daemon", DaemonCall)
         service.answers[GetRobot] = lambda _: ROBOT
         service.answers[GetStatus] = lambda _: status()
         return service
 
+    def service(self, name: str, kinds: Any) -> FakeService:
+        return self._keep(FakeService(self.runtime, name, kinds))
+
     def engine(self) -> FakeService:
-        service = self._keep(FakeService(self.runtime, "engine", EngineCall))
+        service = self.service("engine", EngineCall)
         service.answers[PlaceInstance] = place
         service.answers[GetEngine] = lambda _: EngineSnapshot(instances=[], plans=[], run=None, prompts=[])
 

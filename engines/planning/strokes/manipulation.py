@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
+from engines import identifiers
 from engines.planning import constraints
 from engines.planning.collision.bodies import MARGINS, CollisionScene
 from engines.planning.collision.margins import Margins
@@ -177,7 +177,7 @@ class ManipulationPlanner:
             measure.values.min() for each in segments for measure in each.measures if measure.name == LIMIT_MARGIN
         ]
         return Plan(
-            id=f"plan-{uuid.uuid4().hex[:12]}",
+            id=identifiers.new("plan", 12),
             label=f"{instance.name}: {visit.trajectory.name}",
             arm=arm.name,
             joints=arm.joints,

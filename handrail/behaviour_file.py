@@ -140,7 +140,7 @@ def _fill(step: dict[str, Any], file: dict[str, Any]) -> None:
     motion, ends = step.get("motion"), step.get("ends")
     if isinstance(motion, dict):
         if isinstance(compound := motion.get("compound"), dict):
-            motion["compound"] = json.dumps(config.plain(compound))  # as the message has it: a name, or its text
+            motion["compound"] = json.dumps(compound)  # as the message has it: a name, or its text
         if "joints" in file:
             motion.setdefault("joints", file["joints"])
         if "frame" in file and motion.get("type") not in ("joint_trajectory", "joint_target"):

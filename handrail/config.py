@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from handrail import yaml_file
+from handrail.yaml_file import Map, NotYAML, Seq
 
 _T = TypeVar("_T")
 
@@ -29,10 +29,10 @@ class Document:
     """A parsed YAML file that remembers where each field stood."""
 
     file: Path
-    data: CommentedMap
+    data: Map
     base: Document | None = None
     """the document that this one extends; `data` then holds both"""
-    own: CommentedMap | None = None
+    own: Map | None = None
     """of a document that extends another one: what it says itself"""
 
     def line(self, path: str) -> int | None:
@@ -40,10 +40,10 @@ class Document:
         node: Any = self.data
         line: int | None = None
         for part in re.findall(r"[^.\[\]]+", path):
-            if isinstance(node, CommentedMap) and part in node and node.lc.data and part in node.lc.data:
-                line, node = node.lc.key(part)[0] + 1, node[part]
-            elif isinstance(node, CommentedSeq) and part.isdigit() and int(part) < len(node):
-                line, node = node.lc.item(int(part))[0] + 1, node[int(part)]
+            if isinstance(node, Map) and part in node.lines:
+                line, node = node.lines[part], node[part]
+            elif isinstance(node, Seq) and part.isdigit() and int(part) < len(node):
+                line, node = node.lines[int(part)], node[int(part)]
             else:
                 break
         return line
@@ -63,17 +63,24 @@ class Document:
         ``null`` takes away."""
         return Document(self.file, _laid_over(base.data, self.data), base, self.data)
 
+    def at(self, path: str) -> Any:
+        """What stands at a dotted path. Raises ConfigError where a name in it can't be told from the path."""
+        node: Any = self.data
+        try:
+            for part in re.findall(r"[^.\[\]]+", path):
+                node = node[int(part) if isinstance(node, list) else part]
+        except (KeyError, IndexError, ValueError, TypeError) as lost:
+            raise self.error(path, "a name with a dot or a bracket in it; expected one without") from lost
+        return node
+
     def convert(self, kind: type[_T], path: str = "") -> _T:
         """The document (or the part at `path`) as `kind`, a msgspec struct. Raises ConfigError."""
-        node: Any = self.data
-        for part in re.findall(r"[^.\[\]]+", path):
-            node = node[int(part) if isinstance(node, list) else part]
-        return self.converted(node, kind, path)
+        return self.converted(self.at(path), kind, path)
 
     def converted(self, node: Any, kind: type[_T], path: str) -> _T:
         """What is meant by the part at `path`, as `kind`. Raises ConfigError, about the part as it stands there."""
         try:
-            return msgspec.convert(plain(node), kind)
+            return msgspec.convert(node, kind)
         except msgspec.ValidationError as error:
             text, _, where = str(error).partition(" - at `$")
             field = where.rstrip("`").lstrip(".")
@@ -94,9 +101,9 @@ class Document:
     def _shown(self, field: str) -> str:
         node: Any = self.data
         for part in re.findall(r"[^.\[\]]+", field):
-            if isinstance(node, CommentedMap) and part in node:
+            if isinstance(node, Map) and part in node:
                 node = node[part]
-            elif isinstance(node, CommentedSeq) and part.isdigit() and int(part) < len(node):
+            elif isinstance(node, Seq) and part.isdigit() and int(part) < len(node):
                 node = node[int(part)]
             else:
                 return ""
@@ -115,30 +122,16 @@ def _says(data: Any, field: str) -> bool:
     return True
 
 
-def _laid_over(base: CommentedMap, top: CommentedMap) -> CommentedMap:
-    merged = CommentedMap()
+def _laid_over(base: Map, top: Map) -> Map:
+    merged = Map()
     for key in {**base, **top}:
         if key not in top:
             merged[key] = base[key]
-        elif isinstance(top[key], CommentedMap) and isinstance(base.get(key), CommentedMap):
+        elif isinstance(top[key], Map) and isinstance(base.get(key), Map):
             merged[key] = _laid_over(base[key], top[key])
         elif top[key] is not None or key not in base:
             merged[key] = top[key]
     return merged
-
-
-def plain(node: Any) -> Any:
-    """The same of Python's own dicts, lists and scalars, without ruamel's types."""
-    if isinstance(node, dict):
-        return {str(key) if not isinstance(key, str) else key: plain(value) for key, value in node.items()}
-    if isinstance(node, list):
-        return [plain(value) for value in node]
-    if isinstance(node, bool | type(None)):
-        return node
-    for kind in (int, float, str):  # ruamel's scalar types remember their spelling; msgspec wants the plain ones
-        if isinstance(node, kind):
-            return kind(node)
-    return node
 
 
 def read(file: Path | str) -> Document:
@@ -156,14 +149,11 @@ def read(file: Path | str) -> Document:
 def parse(text: str, file: Path) -> Document:
     """Parse YAML that somebody else has read; `file`: what its errors call it. Raises ConfigError with file and line."""
     try:
-        data = YAML(typ="rt").load(text)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark
-        raise ConfigError(file, mark.line + 1 if mark else None, "", f"not YAML: {error.problem}") from error
-    except YAMLError as error:  # a character that no YAML has
-        raise ConfigError(file, None, "", f"not YAML: {' '.join(str(error).split())}") from error
-    except RecursionError as error:
-        raise ConfigError(file, None, "", "not a file of ours: nested too deeply") from error
-    if not isinstance(data, CommentedMap):
-        raise ConfigError(file, 1, "", f"expected a mapping at the top, got {type(data).__name__}")
+        data = yaml_file.parse(text)
+    except NotYAML as error:
+        raise ConfigError(file, error.line, "", error.problem) from error
+    if not isinstance(data, Map):
+        raise ConfigError(
+            file, 1, "", f"expected a mapping at the top, got {'nothing' if data is None else repr(data)}"
+        )
     return Document(file, data)

@@ -13,7 +13,6 @@ from affordance_templates.instance import Instance
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.runs.motion import MotionFailed
 from handrail.behaviour_file import with_frames
-from handrail.config import plain
 from handrail.messages import (
     EndCondition,
     FixedPose,
@@ -60,11 +59,11 @@ class ControlActivity(Activity):
         values, arm = self.values, self.services.description.arms[self.values["arm"]]
         given = values["compound"]
         try:
-            references = msgspec.convert(plain(list(values["references"])), References)
-            ends = msgspec.convert(plain(with_frames(list(values["ends"]), arm.tip)), list[EndCondition])
+            references = msgspec.convert(list(values["references"]), References)
+            ends = msgspec.convert(with_frames(list(values["ends"]), arm.tip), list[EndCondition])
             motion = msgspec.convert(
                 {
-                    "compound": given if isinstance(given, str) else json.dumps(plain(given)),
+                    "compound": given if isinstance(given, str) else json.dumps(given),
                     "joints": list(arm.joints),
                     "frame": arm.tip,
                     **{name: values[name] for name in ("duration", "stiffness", "damping")},

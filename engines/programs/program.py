@@ -264,7 +264,7 @@ def _within(state: State, parent: State, caller: str) -> State:
 
 
 def _state(document: config.Document, path: str, id: str, parent: State | None) -> State:
-    file = document.convert(StateFile, path) if _at(document, path) is not None else StateFile()
+    file = document.convert(StateFile, path) if document.at(path) is not None else StateFile()
     state = State(id, path, file, parent)
     state.transitions = _transitions(document, f"{path}.transitions", len(file.transitions))
     for name in file.history:
@@ -287,10 +287,3 @@ def _each(document: config.Document, path: str, parts: Mapping[str, Any], kind: 
         else document.converted({}, kind, f"{path}.{name}")
         for name, part in parts.items()
     }
-
-
-def _at(document: config.Document, path: str) -> Any:
-    node: Any = document.data
-    for part in path.split("."):
-        node = node[part]
-    return node

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from handrail.config import plain
 from handrail.robot import description as robots
 from handrail.robot.description import RobotDescription
 
@@ -16,7 +16,7 @@ _YAML, _URDF = "robot.yaml", "robot.urdf"
 
 def keepsake(description: RobotDescription) -> dict[str, str]:
     """File name → content: robot.yaml with all that it extends laid in, and the assembled URDF, without its meshes."""
-    data: dict[str, Any] = plain(robots.read(description.folder / _YAML).data)
+    data: dict[str, Any] = copy.deepcopy(robots.read(description.folder / _YAML).data)
     data["model"] = {"file": _URDF}
     for name, arm in description.arms.items():
         data["arms"][name]["tip"] = (

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from ruamel.yaml import YAML
 
 from affordance_templates import catalogue, template_file
 from affordance_templates.template_schema import json_schema
-from handrail.config import ConfigError, parse, plain
+from handrail.config import ConfigError, parse
 
 
 def waypoint(resolved, name):
@@ -160,8 +160,8 @@ def test_aliases_of_aliases_are_refused_before_they_cost_anything(template_of):
 def test_the_schema_takes_every_template_of_the_library_and_refuses_what_readers_refuse(cabinet_text):
     schema = jsonschema.Draft202012Validator(json.loads(json.dumps(json_schema(), allow_nan=False)))
     for name in catalogue.files():
-        schema.validate(plain(catalogue.load(name).document.data))
-    whole = YAML(typ="safe").load(cabinet_text)
+        schema.validate(catalogue.load(name).document.data)
+    whole = parse(cabinet_text, Path("cabinet.yaml")).data
     schema.validate(whole)
     whole["trajectories"]["open"]["waypoints"][0]["aproach"] = "free"
     with pytest.raises(jsonschema.ValidationError, match="aproach"):

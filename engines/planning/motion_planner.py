@@ -31,7 +31,8 @@ from engines.planning.ik.solver import Solver
 from engines.planning.ik.trajectory import TrajectorySolver
 from engines.planning.motion import Motion
 from engines.planning.motion_search import MotionSearch
-from engines.planning.plan import Plan
+from engines.planning.plan import Infeasible, Plan
+from engines.planning.relaxing import prioritised, told
 from engines.planning.scene import Scene
 from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
 from engines.planning.timing.timing import Limits
@@ -121,7 +122,7 @@ class MotionPlanner:
             stands=stands,
             closed=self._footing is not None and not self._footing.legs.isdisjoint(moving),
             root_in_world=root,
-            goals=reader.constraints(call.goals, "goals"),
+            goals=prioritised(reader.constraints(call.goals, "goals"), call.relax),
             moving=moving,
             through=[reader.constraints(each.goals, f"through[{n}].goals") for n, each in enumerate(call.through)],
             keep=reader.constraints(call.keep, "keep"),
@@ -175,7 +176,16 @@ class MotionPlanner:
         """
         start = self.configuration("position", position)
         with self._lock:
-            return MotionSearch(self, motion, start, cancelled or never, progress or quiet).plan()
+            search = MotionSearch(self, motion, start, cancelled or never, progress or quiet)
+            try:
+                return search.plan()
+            except Infeasible:
+                relaxed = search.relaxed()
+                if relaxed is None:
+                    raise
+                looser, gave = relaxed
+                plan = MotionSearch(self, looser, start, cancelled or never, progress or quiet).plan()
+                return replace(plan, gave=tuple(told(gave)))
 
     @cached_property
     def _eyes(self) -> Eyes:
@@ -195,6 +205,10 @@ class MotionPlanner:
         q = self.mechanism.configuration(np.zeros(len(self.mechanism.joints)))
         q[self._rows] = position
         return q
+
+    def positions(self, q: Array) -> Array:
+        """(n,) of the description's joints at q (nq,)."""
+        return np.asarray(q[self._rows])
 
     def tip_of(self, arm: str) -> str:
         """The frame of an arm's tool tip."""

@@ -24,6 +24,7 @@ from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Answer
+from engines.planning.ik.report import Measure as Report
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, limit_margins, torque_shares
 from engines.planning.motion import Motion
 from engines.planning.plan import Infeasible, Plan, Segment
@@ -98,6 +99,24 @@ class MotionSearch:
             except Infeasible as problem:
                 first = first or problem
         raise first or Infeasible("way", 0.0, "rad", "goals", "was not found")
+
+    def relaxed(self) -> tuple[Motion, tuple[Report, ...]] | None:
+        """The question with goals that are as wide as they must be for a posture, and by how much each is wider.
+
+        None where none may give way, or all are kept in some posture.
+        """
+        motion = self._motion
+        if not any(goal.priority for goal in motion.goals):
+            return None
+        self._progress("posture where goals give way")
+        answer = self._planner.solver.solve(
+            [*motion.goals, *self._always], self._start, moving=motion.moving, starts=_STARTS, relax=True
+        )
+        if not answer.feasible or not answer.given:
+            return None
+        goals = [replace(one, priority=0) for one in answer.granted[: len(answer.granted) - len(self._always)]]
+        seeds = [self._planner.positions(answer.q), *motion.seeds]
+        return replace(motion, goals=goals, seeds=seeds), answer.given
 
     def _whole(self, postures: Array) -> Array:
         """(k, nq) for postures (k, m) of what moves."""

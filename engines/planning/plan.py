@@ -15,6 +15,7 @@ from handrail.messages import (
     FrameLine,
     JointTrajectory,
     PathForce,
+    PlanGave,
     PlanPreview,
     PlanSegment,
     PlanWaypoint,
@@ -113,6 +114,8 @@ class Plan:
     """of a robot that stands and moves its legs: the compound task (docs/wbc.md) under which it follows the plan"""
     base_at_end: Pose | None = None
     """of such a plan: in the world; None: the base stays where it is"""
+    gave: tuple[PlanGave, ...] = ()
+    """what was not kept, of what may give way"""
 
     @property
     def duration(self) -> float:
@@ -181,6 +184,7 @@ class Plan:
             arm=self.arm,
             waypoints=self.waypoints,
             key_times=[round(time, 3) for time in self.key_times],
+            gave=list(self.gave),
         )
 
 

@@ -50,6 +50,17 @@ class PlanWaypoint(msgspec.Struct, kw_only=True):
     """of its limit, by inverse dynamics with the expected contact force, and which joint works so hard"""
 
 
+class PlanGave(msgspec.Struct, kw_only=True):
+    """By how much a goal was missed that was allowed to give way (PlanMotion.relax)."""
+
+    goal: str
+    """its place in the call, and what it is about"""
+    what: str
+    """x, y, z along the goal's own axes, angle, or relation"""
+    by: float
+    unit: Literal["m", "rad"]
+
+
 class PlanSeries(msgspec.Struct, kw_only=True):
     """A measure along a plan."""
 
@@ -122,6 +133,8 @@ class PlanPreview(Message):
     """one a segment, and one a key frame that is passed on it"""
     key_times: list[float] = []
     """s from the plan's start, when a motion passes each of its key frames (EditPlan)"""
+    gave: list[PlanGave] = []
+    """what was not kept, of what may give way, the worst first"""
     origin: PlanOrigin | None = None
     measures: dict[str, PlanSeries] = {}
     """clearance m, residual m, tilt rad, limit_margin rad, torque_share"""
@@ -231,6 +244,9 @@ class PlanMotion(Message):
     """instances that need not be kept clear of"""
     seen: bool = False
     """whether to keep clear of what cameras see as well, but for points on the robot and on instances; refused where none sees"""
+    relax: Annotated[list[str], Meta(max_length=32)] = []
+    """goals that may give way where there is no posture for all, the first one first and as little as possible: `goals[1]`, or
+    `goals[0].position`, `goals[0].angle` alone. The plan tells what `gave`"""
     duration: NonNegative = 0.0
     """s, at least"""
     label: str = ""

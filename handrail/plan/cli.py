@@ -110,6 +110,7 @@ def reach(
     ] = None,
     instance: Annotated[str, typer.Option(help="Whose frame it is said in; none: the world.")] = "",
     feature: Annotated[str, typer.Option(help="A joint of the instance's, or TRAJECTORY.WAYPOINT.")] = "",
+    relax: Annotated[bool, typer.Option("--relax", help="As near as can be, where it is out of reach.")] = False,
     after: Annotated[str, typer.Option(help="Id of a plan from whose end; none: from where the robot is.")] = "",
     connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
@@ -117,7 +118,8 @@ def reach(
     """Plan a motion of an arm's tool tip to a place, and show it. Nothing moves."""
     goal = _tip_at((x, y, z), orientation, instance, feature)
     with _robot(connect_to, keys) as robot:
-        _show(robot.get_plan(robot.plan_motion([goal], arm, after=after).id, details=True))
+        plan = robot.plan_motion([goal], arm, after=after, relax=["goals[0]"] if relax else [])
+        _show(robot.get_plan(plan.id, details=True))
 
 
 @app.command()
@@ -277,6 +279,11 @@ def _show(plan: PlanPreview) -> None:
             found = getattr(at, measure)
             line = f"{words}: {found.about}, {figure_of(measure, found.value)} at {found.time:.2f} s"
             _out.print(line, highlight=False, markup=False, soft_wrap=True)
+    for gave in plan.gave:
+        _out.print(
+            f"gave way: {gave.goal}, {gave.what} by {gave.by:.3g} {gave.unit}", style="yellow", highlight=False,
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     if plan.key_times:
         passed = ", ".join(f"{number} at {time:.2f} s" for number, time in enumerate(plan.key_times))
         _out.print(f"passes key frames {passed}", highlight=False, markup=False, soft_wrap=True)

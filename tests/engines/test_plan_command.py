@@ -96,6 +96,9 @@ def test_motions_are_planned_to_a_place_to_a_posture_and_edited(handrail, planne
     handrail("reach", "left", 0, 0, 0, "--orientation", 0, 0, 0, 1, "--instance", "wheel_1", "--feature", "hinge")
     there = planner.asked[-1]["call"]
     assert there.goals == [m.FrameGoal(pose=m.Pose(), instance="wheel_1", feature="hinge")] and there.arm == "left"
+    assert not reach.relax
+    handrail("reach", "right", 0.4, -0.35, -0.1, "--relax")
+    assert planner.asked[-1]["call"].relax == ["goals[0]"]
     edited = handrail("edit", 0.3, -0.2, 0.1, "--plan", "plan-1", "--time", 0.5)
     assert "passes key frames 0 at 0.50 s" in edited.output
     assert planner.asked[-1]["call"].through[0].goals[0].pose.position == (0.3, -0.2, 0.1)

@@ -39,11 +39,11 @@ class Bodies:
         self.balls = np.empty((len(self.radii), 3))
         self.found = np.empty(len(self.pairs), np.int64)
 
-    def within(self, constraint: Clearance | BodyDistance, weight: float = 1.0) -> Nearness:
+    def within(self, constraint: Clearance | BodyDistance, *, gives: bool = False) -> Nearness:
         """With the constraint's bounds."""
         if isinstance(constraint, Clearance):
-            return Nearness(self, constraint.at_least, np.inf, weight)
-        return Nearness(self, constraint.lower, constraint.upper, weight)
+            return Nearness(self, constraint.at_least, np.inf, gives)
+        return Nearness(self, constraint.lower, constraint.upper, gives)
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class Nearness:
     lower: float
     """m"""
     upper: float
-    weight: float
-    """of its rows"""
+    gives: bool
+    """whether it may give way"""
 
     @property
     def most(self) -> int:

@@ -14,8 +14,8 @@ from engines.planning.ik import constraints as kinds
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
 
-_ROOM = 1e-5
-"""m, rad beyond what was given, so that it is kept without effort"""
+_ROOM = 5e-4
+"""m, rad beyond what had to be given: at the very edge of its reach an arm has no way to move"""
 
 
 def stages(constraints: Sequence[Constraint]) -> Iterator[set[int]]:

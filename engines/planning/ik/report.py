@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engines.planning.plan import Infeasible
+
+if TYPE_CHECKING:
+    from engines.planning.ik.constraints import Constraint
 
 Array = NDArray[np.float64]
 
@@ -67,6 +70,8 @@ class Answer:
     """of all starts"""
     starts: int
     """that were tried"""
+    granted: tuple[Constraint, ...] = ()
+    """where something was relaxed, all constraints in their order, those that gave with bounds as wide as they had to be"""
 
     @property
     def feasible(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -33,8 +35,11 @@ class Workspace:
 class Rows:
     """After `at`, the arrays hold the first `count` rows, not yet weighted."""
 
-    def __init__(self, workspace: Workspace, table: Table, near: list[Nearness], columns: Integers):
-        """`columns`: the velocities that move, one column of the Jacobian each."""
+    def __init__(
+        self, workspace: Workspace, table: Table, near: list[Nearness], columns: Integers,
+        soft: Collection[int] = (),
+    ):  # fmt: skip
+        """`columns`: the velocities that move, one column of the Jacobian each; `soft`: numbers of constraints that give way."""
         mechanism = workspace.mechanism
         self._workspace, self._near = workspace, near
         self._items, self.fixed = len(table.integers), table.rows
@@ -50,6 +55,9 @@ class Rows:
         self._relations[: self._items] = table.relations
         for mine, its in ((self.lower, table.lower), (self.upper, table.upper), (self.weight, table.weight)):
             mine[: self.fixed] = its
+        self.weight[self.fixed :] = 1.0
+        self.gives = np.zeros(rows, np.bool_)
+        self.gives[: self.fixed] = [owner in soft for owner in table.owners]
         self.kinds[: self.fixed][table.lower == table.upper] |= EQUALITY
         self.most = rows
 
@@ -64,7 +72,7 @@ class Rows:
             found = near.items(
                 self._integers[items:], self._numbers[items:], self.lower[rows:], self.upper[rows:], rows
             )
-            self.weight[rows : rows + found] = near.weight
+            self.gives[rows : rows + found] = near.gives
             items, rows = items + found, rows + found
         kernels.rows(
             self._integers[:items], self._numbers[:items], self._relations[:items], w.placement, w.jacobian, w.com,

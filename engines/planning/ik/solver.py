@@ -26,7 +26,8 @@ from engines.planning.ik.posture import PostureProblem
 from engines.planning.ik.relaxation import granted, stages
 from engines.planning.ik.report import Answer
 from engines.planning.ik.rows import Rows, Workspace
-from engines.planning.ik.sqp import Ending, Settings, descend
+from engines.planning.ik.softened import SoftenedProblem
+from engines.planning.ik.sqp import Ending, Problem, Settings, descend
 from engines.planning.ik.table import Table, table_of
 
 Array = NDArray[np.float64]
@@ -34,8 +35,6 @@ Integers = NDArray[np.int64]
 
 _BASE_WEIGHT = 0.1
 """a free base moves that much more willingly than a joint"""
-_SOFTENED = 0.03
-"""of the weight of a constraint that may give way: enough for the others to be kept to a thousandth of what it gives"""
 _SPREAD = np.array([0.25, 0.5, 0.75, 1.0])
 """of the joints' ranges, that starts after the first are drawn from"""
 
@@ -98,21 +97,19 @@ class Solver:
 
     def _problem(
         self, table: Table, nominal: Array, cost: Array, columns: Integers, soft: Collection[int] = ()
-    ) -> PostureProblem:
-        """Its table's rows weighted for the constraints that are `soft`."""
+    ) -> Problem:
+        """`soft`: numbers of the constraints that give way."""
         rows = self.rows(table, columns, soft)
-        return PostureProblem(self._workspace, rows, table, nominal, cost, columns)
+        problem = PostureProblem(self._workspace, rows, table, nominal, cost, columns)
+        return SoftenedProblem(problem, rows) if soft else problem
 
     def rows(self, table: Table, columns: Integers, soft: Collection[int] = ()) -> Rows:
-        """The rows of a table, those of `soft` constraints with less weight."""
-        weights = [_SOFTENED if number in soft else 1.0 for number, _ in table.bodies]
-        near = [self._nearness(c, weight) for (_, c), weight in zip(table.bodies, weights, strict=True)]
-        if soft:
-            table.weight *= np.array([_SOFTENED if owner in soft else 1.0 for owner in table.owners])
-        return Rows(self._workspace, table, near, columns)
+        """The rows of a table; they know which are of `soft` constraints."""
+        near = [self._nearness(c, gives=number in soft) for number, c in table.bodies]
+        return Rows(self._workspace, table, near, columns, soft)
 
     def _search(
-        self, problem: PostureProblem, constraints: Sequence[Constraint], table: Table, columns: Integers, first: Array,
+        self, problem: Problem, constraints: Sequence[Constraint], table: Table, columns: Integers, first: Array,
         starts: int, seed: int,
     ) -> tuple[Ending, Answer]:  # fmt: skip
         iterations, best, answer = 0, None, None
@@ -144,15 +141,16 @@ class Solver:
             table = table_of(self.mechanism, constraints, best.point)
             patient = replace(self._settings, patience=12)
             ending = descend(self._problem(table, nominal, cost, columns, soft), best.point, patient)
-            loosened = granted(constraints, soft, lambda c, q=ending.point: self.checker.measures([c], q))  # type: ignore[misc]
-            table = table_of(self.mechanism, loosened, ending.point)
-            final = descend(self._problem(table, nominal, cost, columns), ending.point, self._settings)
+            reached = self._within(ending.point, table, columns)
+            loosened = granted(constraints, soft, lambda c, q=reached: self.checker.measures([c], q))  # type: ignore[misc]
+            table = table_of(self.mechanism, loosened, reached)
+            final = descend(self._problem(table, nominal, cost, columns), reached, self._settings)
             iterations += ending.iterations + final.iterations
             q = self._within(final.point, table, columns)
             violations = self.checker.violations([c for n, c in enumerate(constraints) if n not in soft], q)
             if not violations:
                 given = self.checker.violations([constraints[number] for number in sorted(soft)], q)
-                return Answer(q, final.cost, (), given, iterations, answer.starts)
+                return Answer(q, final.cost, (), given, iterations, answer.starts, tuple(loosened))
         return replace(answer, iterations=iterations)
 
     def _starts(self, first: Array, table: Table, columns: Integers, starts: int, seed: int) -> Iterator[Array]:
@@ -197,10 +195,10 @@ class Solver:
         cost[: self.mechanism.base] = _BASE_WEIGHT
         return cost
 
-    def _nearness(self, constraint: kinds.Clearance | kinds.BodyDistance, weight: float) -> Nearness:
+    def _nearness(self, constraint: kinds.Clearance | kinds.BodyDistance, *, gives: bool) -> Nearness:
         """Of a scene that was asked about before it is kept: making one copies its geometry."""
         links = () if isinstance(constraint, kinds.Clearance) else (constraint.link, constraint.other)
         kept = self._bodies.setdefault(constraint.scene, {})
         if links not in kept:
             kept[links] = Bodies(self.mechanism, self._workspace.data, constraint.scene, *links)
-        return kept[links].within(constraint, weight)
+        return kept[links].within(constraint, gives=gives)

@@ -87,15 +87,15 @@ class _Quadratic:
     """Programs with one Hessian, one after the other: its factors are kept, most of the work of a large one."""
 
     def __init__(self) -> None:
-        self._model, self._rows = daqp.Model(), -1
+        self._model, self._shape = daqp.Model(), (-1, -1)
         self._model.settings = {"rho_soft": _STIFF, "primal_tol": 1e-9}
 
     def solve(self, p: Program) -> Array | None:
         """The step, None when there is none."""
-        if len(p.matrix) == self._rows:
+        if p.matrix.shape == self._shape:
             failed = self._model.update(None, p.gradient, p.matrix, p.above, p.below, p.kinds) < 0
         else:
-            self._rows = len(p.matrix)
+            self._shape = p.matrix.shape
             failed = self._model.setup(p.hessian, p.gradient, p.matrix, p.above, p.below, p.kinds)[0] < 0
         if failed:
             return None

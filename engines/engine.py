@@ -40,6 +40,7 @@ from engines.programs.deployment import Deployed
 from engines.programs.rehearsal import Rehearsal
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
+from engines.runs.jog import JogExecution
 from engines.runs.journal import RunJournal
 from engines.runs.prompts import Prompts
 from engines.runs.run import Job, PlanExecution, ProgramRun, Start
@@ -145,6 +146,8 @@ class Engine:
             m.PlanMotion: self._plan_motion,
             m.EditPlan: self._edit_plan,
             m.ExecutePlan: self._execute_plan,
+            m.AwaitPlan: self._await_plan,
+            m.Jog: self._jog,
             m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
             m.Deploy: self._deploy,
             m.CheckTask: self._check_task,
@@ -330,6 +333,23 @@ class Engine:
         self._log("info", f"release {release.number}: {release.program}, deployed by {release.by}")
         self._tell(m.CodeChanged(engine=self._name, release=release))
         self._tell(self._info())
+
+    def _await_plan(self, call: m.AwaitPlan) -> m.PlanPreview | Future[m.PlanPreview]:
+        if isinstance(self._job, PlanExecution) and self._job.plan == call.id:
+            return self._job.ended
+        plans = self._services.plans
+        record = plans.get(call.id)
+        if not record.finished:
+            raise refuse("the plan is not being executed", "id", call.id, "one that ExecutePlan has begun")
+        return plans.preview(record, ghost=False)
+
+    def _jog(self, call: m.Jog) -> Future[m.Jogged]:
+        answer: Future[m.Jogged] = Future()
+        if isinstance(self._job, JogExecution) and self._job.turned_to(call, answer):
+            return answer
+        self._idle()
+        self._job = JogExecution(self._services, call, answer)
+        return answer
 
     def _deploy(self, call: m.Deploy) -> m.Deployment:
         with workspace.pinned(workspace.deployed()):  # all of it from one release

@@ -177,6 +177,8 @@ class AsyncClient:
     edit_plan = _awaited(Client.edit_plan)
     get_plan = _awaited(Client.get_plan)
     execute_plan = _awaited(Client.execute_plan)
+    jog = _awaited(Client.jog)
+    home = _awaited(Client.home)
     library = _awaited(Client.library)
     deploy = _awaited(Client.deploy)
     send_bundle = _awaited(Client.send_bundle)

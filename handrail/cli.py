@@ -34,6 +34,8 @@ _VERBS = {
     "controllers": "Controllers of the robot that is up: list, load, configure, switch and unload them while it runs.",
     "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
+    "jog": "Move one joint: jog JOINT +5deg, or jog JOINT to 0.3.",
+    "home": "Bring the robot that is up to one of its postures, planned clear of everything.",
     "program": "Check or run a program of the library.",
     "deploy": "Bring a program, with all that it needs, to an engine of the robot that is up.",
     "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
@@ -74,7 +76,7 @@ def main() -> None:
         if isinstance(loaded, typer.Typer):
             app.add_typer(loaded, name=name, help=short)
         else:
-            app.command(name)(loaded)
+            app.command(name, context_settings=vars(loaded).get("context_settings"))(loaded)
     app()
 
 

@@ -35,6 +35,7 @@ from handrail.link.events import Events, Live
 from handrail.link.session import Session
 from handrail.messages import (
     AnswerPrompt,
+    AwaitPlan,
     CancelPlanning,
     CheckTask,
     Choice,
@@ -59,6 +60,7 @@ from handrail.messages import (
     GetStatus,
     Goal,
     InstanceState,
+    Jog,
     Library,
     ListLibrary,
     MakePlan,
@@ -68,6 +70,7 @@ from handrail.messages import (
     PlanMotion,
     PlanPreview,
     Pose,
+    PostureGoal,
     RankChoices,
     Release,
     Releases,
@@ -291,9 +294,32 @@ class Client:
         """A plan by its id, and whether it is still fresh; `details`: also what it was made from and keeps along its way."""
         return self.call(GetPlan(id=plan, details=details))
 
-    def execute_plan(self, plan: str, segments: Sequence[str] = ()) -> None:
-        """Run a plan's segments (all, or those named). Refused when it is stale, with the reason."""
+    def execute_plan(self, plan: str, segments: Sequence[str] = (), *, wait: bool = False) -> None:
+        """Run a plan's segments (all, or those named). Refused when it is stale, with the reason.
+
+        `wait`: until it has ended; refused then, with the reason, if it did not end as planned. `stop_run` ends it.
+        """
         self.call(ExecutePlan(id=plan, segments=list(segments)))
+        if wait:
+            self.call(AwaitPlan(id=plan))
+
+    def jog(self, joints: Mapping[str, float], *, by: bool = False, speed: float = 0.1) -> dict[str, float]:
+        """Send joints somewhere (`by`: by so much), rad or m, without a plan; returns where they are once they are there.
+
+        `speed`: share of their velocity limits, on top of the robot's (`set_speed`). Refused with what stopped them: the guard, a
+        stop, somebody else's lease, a newer jog of the same joints, which takes over on the way. `stop_run` ends it.
+        """
+        return self.call(Jog(joints=dict(joints), by=by, speed=speed)).joints
+
+    def home(self, posture: str = "ready", arm: str = "") -> PlanPreview:
+        """Bring an arm, or without one all of the robot, to a posture: planned clear of everything, executed, and waited for.
+
+        Returns the plan. Refused, with the reason, where there is no plan, or it did not end as planned.
+        """
+        joints = [] if arm else self.robot().joints
+        plan = self.plan_motion([PostureGoal(name=posture)], arm, joints=joints)
+        self.execute_plan(plan.id, wait=True)
+        return plan
 
     # ---------------------------------------------------------------------------------------------------------- programs
 

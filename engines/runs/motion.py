@@ -27,6 +27,7 @@ from handrail.messages import (
     ResumeAction,
     StartAction,
     StartBehaviour,
+    StreamJoints,
 )
 from handrail.messages import Motion as MotionMessage
 from handrail.topics import RefusedError, Unreachable
@@ -101,7 +102,7 @@ class Motion:
         self._still: Callable[[], str] = _always
         self._outdated = ""
         self._name = uuid.uuid4().hex[:8]
-        self._count = 0
+        self._count = self._sample = 0
 
     @property
     def paused(self) -> bool:
@@ -247,6 +248,19 @@ class Motion:
             self._gate.notify_all()
             if self._cancelled.is_set():
                 self._tell(CancelAction)
+
+    def redirect(self, positions: Sequence[float]) -> bool:
+        """Give a JointTarget that is on its way another target (m,) rad. False: none is. Raises Unreachable."""
+        with self._gate:
+            if not self._action:
+                return False
+            self._sample += 1
+            message = StreamJoints(id=self._action, sequence=self._sample, positions=list(positions))
+            try:
+                self._daemon.call(message)
+            except RefusedError:  # it has just ended by itself
+                return False
+            return True
 
     def end(self) -> None:
         """The run has ended: others may command what it did."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -28,7 +29,7 @@ from engines.runs.history import RunHistory
 from engines.runs.motion import Motion
 from engines.runs.parts import Parts
 from handrail import workspace
-from handrail.messages import RunState, StateVisit
+from handrail.messages import PlanPreview, RunState, StateVisit
 from handrail.topics import Unreachable, refuse
 
 _SETTLE_S = 3.0
@@ -165,7 +166,7 @@ class ProgramRun:
             self._not_stopping()
             if self._state.status != "running":
                 raise refuse("the program does not run", "status", self._state.status, "running")
-            _reach(self._motion.pause)
+            reach(self._motion.pause)
             self._clock.stand()
             self._gate.close()
             self._tell(status="paused")
@@ -183,7 +184,7 @@ class ProgramRun:
             self._not_stopping()
             if self._state.status != "paused":
                 raise refuse("the program is not paused", "status", self._state.status, "paused")
-            _reach(self._motion.resume)
+            reach(self._motion.resume)
             self._clock.go()
             self._gate.open(one_step=one_step)
             self._tell(status="running", detail="")
@@ -352,47 +353,56 @@ class PlanExecution:
         self._services, self._record, self._segments = services, record, segments
         parts = Parts(services.daemon, services.description.groups)
         self._motion, self._cancelled = Motion(services.daemon, parts), threading.Event()
+        self.plan, self.ended = record.plan.id, Future[PlanPreview]()
+        """done when nothing moves any more: RefusedError where it did not end as planned"""
         self._thread = threading.Thread(target=self._drive, name=f"execute {record.plan.id}", daemon=True)
         self._thread.start()
 
     @property
     def active(self) -> bool:
-        return self._thread.is_alive()
+        return not self.ended.done()
 
     def pause(self) -> None:
         """Stop the motion along its path."""
-        _reach(self._motion.pause)
+        reach(self._motion.pause)
 
     def resume(self) -> None:
         """Go on."""
-        _reach(self._motion.resume)
+        reach(self._motion.resume)
 
     def stop(self) -> None:
         """Cancel the motion; the robot holds."""
         self._cancelled.set()
-        _reach(self._motion.interrupt)
+        reach(self._motion.interrupt)
 
     def join(self, timeout_s: float) -> None:
         """Wait until it has ended."""
         self._thread.join(timeout_s)
 
     def _drive(self) -> None:
-        label = self._record.plan.label
+        label, problem = self._record.plan.label, ""
         try:
             ended = execute(self._services, self._motion, self._record, self._segments, self._cancelled)
         except ActivityFailed as failed:
+            problem = str(failed)
             self._services.log("info" if failed.reason == "cancelled" else "error", f"{label}: {failed}")
         except Exception as crash:  # noqa: BLE001
             _log.exception("%s crashed", label)
-            self._services.log("error", f"{label}: the engine's own error: {type(crash).__name__}: {crash}")
+            problem = f"the engine's own error: {type(crash).__name__}: {crash}"
+            self._services.log("error", f"{label}: {problem}")
         else:
             level = "info" if ended["outcome"] == "done" else "warning"
             self._services.log(level, f"{label}: {ended['outcome']} after {ended['segment']}")
         finally:
             self._motion.end()
+        if problem:
+            self.ended.set_exception(refuse(problem))
+        else:
+            self.ended.set_result(self._services.plans.preview(self._record, ghost=False))
 
 
-def _reach(command: Callable[[], None]) -> None:
+def reach(command: Callable[[], None]) -> None:
+    """Do it. Raises RefusedError where the daemon does not answer."""
     try:
         command()
     except Unreachable as silent:

@@ -22,6 +22,7 @@ import zstandard
 
 from handrail.messages import (
     Answer,
+    AwaitPlan,
     CheckTask,
     DaemonCall,
     DaemonEvent,
@@ -32,6 +33,7 @@ from handrail.messages import (
     EngineCall,
     EngineEvent,
     ExecutePlan,
+    Jog,
     MakePlan,
     Message,
     PlanMotion,
@@ -92,6 +94,8 @@ _TIMEOUTS_S: dict[type, float] = {
     RankChoices: 60.0,
     CheckTask: 120.0,
     ExecutePlan: 10.0,
+    AwaitPlan: 600.0,
+    Jog: 120.0,
     Deploy: 20.0,
     Run: 15.0,
     RunFrom: 25.0,

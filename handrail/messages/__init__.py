@@ -116,6 +116,7 @@ from handrail.messages.instances import (
     SetJoint,
     SetParameters,
 )
+from handrail.messages.jogs import Jog, Jogged
 from handrail.messages.motions import (
     NOT_READY,
     CartesianImpedance,
@@ -143,6 +144,7 @@ from handrail.messages.owners import (
     TakeLease,
 )
 from handrail.messages.plans import (
+    AwaitPlan,
     CancelPlanning,
     Choice,
     Choices,
@@ -233,6 +235,7 @@ __all__ = [
     "Along",
     "Answer",
     "AnswerPrompt",
+    "AwaitPlan",
     "Base",
     "BindKeepalive",
     "BundleState",
@@ -309,6 +312,8 @@ __all__ = [
     "ImuState",
     "InstanceState",
     "Instances",
+    "Jog",
+    "Jogged",
     "JointLimitEnd",
     "JointStream",
     "JointTarget",
@@ -500,6 +505,8 @@ EngineCall = (
     | PlanMotion
     | EditPlan
     | ExecutePlan
+    | AwaitPlan
+    | Jog
     | ListLibrary
     | Deploy
     | CheckTask
@@ -548,6 +555,7 @@ Answer = (
     | RunState
     | RunHistory
     | EngineSnapshot
+    | Jogged
     | BundleState
     | Releases
     | RolledBack

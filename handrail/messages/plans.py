@@ -270,6 +270,13 @@ class EditPlan(Message):
 
 
 @travels(priority=1, remote=True)
+class AwaitPlan(Message):
+    """Answered with its PlanPreview when the plan that is being executed has ended; refused with why it ended otherwise."""
+
+    id: Name
+
+
+@travels(priority=1, remote=True)
 class ExecutePlan(Message):
     """Run a plan's segments (all, or those named). Refused when it is stale, with the reason."""
 

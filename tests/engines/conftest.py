@@ -155,6 +155,11 @@ class FakeDaemon:
             return self.leases.give_back(call.owner, call.part, call.epoch)
         if isinstance(call, m.StartAction | m.StartBehaviour):
             self._start(call)
+        elif isinstance(call, m.StreamJoints):
+            if self.action is None or self.action.id != call.id:
+                raise refuse("no such action", "id", call.id, "a running one")
+            motion = msgspec.structs.replace(self.action.motion, positions=call.positions)
+            self.action = msgspec.structs.replace(self.action, motion=motion)
         elif isinstance(call, m.CancelAction | m.PauseAction | m.ResumeAction):
             if self.action is None or self.action.id != call.id:
                 raise refuse("no such action", "id", call.id, "a running one")
@@ -189,6 +194,9 @@ class FakeDaemon:
             at = np.interp(share, np.linspace(0, 1, len(knots)), np.arange(len(knots)))
             for k in range(knots.shape[1]):
                 self.command[k] = np.interp(at, np.arange(len(knots)), knots[:, k])
+        elif isinstance(motion, m.JointTarget):
+            rows = [JOINTS.index(joint) for joint in motion.joints]
+            self.command[rows] += share * (np.array(motion.positions) - self.command[rows])
         elif isinstance(motion, m.CartesianImpedance):
             self.command[1] = motion.goal_in_world.position[0] - HINGE[0]
         self._push(begin)
@@ -360,6 +368,8 @@ class Stack:
             groups={"tool": JOINTS[:2]},
             arms={"right": arm, "left": arm},
             velocity_limit=np.array([2.0, 2.0, 2.0]),
+            lower=np.full(3, -3.0),
+            upper=np.full(3, 3.0),
             index=lambda names: np.array([JOINTS.index(name) for name in names]),
         )
         self.engine = Engine(self.runtime, description, self.planner, tip_pose, name=self.name)  # type: ignore[arg-type]

@@ -29,6 +29,8 @@ VERBS = [
     "learn",
     "template",
     "robot",
+    "jog",
+    "home",
     "new",
     "behaviour",
     "replay",

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+RELEASES = "releases.json"
+"""lies beside the folders of releases"""
 _deployed: Path | None = None
 """what was deployed to this process, which is an engine"""
 _pinned: ContextVar[tuple[Path | None] | None] = ContextVar("workspace", default=None)
@@ -23,6 +25,12 @@ def use(folder: Path | None) -> None:
     """From now on this process finds first what lies in a folder made like a workspace (None: in none)."""
     global _deployed  # noqa: PLW0603 (which code a process has is a fact of the process)
     _deployed = folder
+
+
+def release_of(file: Path) -> Path | None:
+    """The folder of the release that a file is of, None where it is of none."""
+    folder = file.parent.parent
+    return folder if (folder.parent / RELEASES).is_file() else None
 
 
 def deployed() -> Path | None:

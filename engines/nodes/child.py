@@ -33,6 +33,7 @@ from engines.nodes.wire import (
     ToNode,
     Wire,
 )
+from handrail import workspace
 from handrail.config import ConfigError
 
 BEAT_S = 0.4
@@ -161,6 +162,9 @@ def main(file: Path, connection: socket.socket) -> int:
     sys.stdout = sys.stderr  # what a node prints is its log
     wire = Wire(connection, ToNode)
     child = Child(wire)
+    sys.path.append(str(file.parent))  # for the modules beside it
+    if (release := workspace.release_of(file)) is not None:
+        workspace.use(release)  # a composite's parts are of the release that it is of
     try:
         kind = composite.read(file) if file.suffix == ".yaml" else load(file)
         _limit(kind)

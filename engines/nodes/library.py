@@ -44,12 +44,12 @@ def version(file: Path) -> str:
         seen.add(each)
         made_of.update(each.read_bytes())
         if each.suffix == ".yaml":
-            waiting += _parts(each)
+            waiting += parts(each)
     return made_of.hexdigest()
 
 
-def _parts(file: Path) -> list[Path]:
-    """As far as they can be found: what is wrong with the file is told when it is loaded."""
+def parts(file: Path) -> list[Path]:
+    """The files of a composite's nodes, as far as they can be found: what is wrong with it is told when it is loaded."""
     try:
         nodes = config.read(file).data.get("nodes", {})
         return [find(str(part["node"])).resolve() for part in nodes.values()]

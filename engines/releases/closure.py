@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
-from affordance_templates import catalogue
+from affordance_templates import catalogue, template_file
 from engines.activities import ACTIVITIES
 from engines.activities.base import Kind
 from engines.nodes import library as nodes
@@ -14,12 +14,6 @@ from engines.programs import library
 from engines.programs.program import Program
 from handrail import behaviour_file, workspace
 from handrail.bundles.manifest import Bundle, bundle
-
-_FOUND: Mapping[Kind, tuple[str, Callable[[], Mapping[str, Path]]]] = {
-    Kind.BEHAVIOUR: ("behaviours", behaviour_file.files),
-    Kind.NODE: ("nodes", nodes.files),
-}
-"""arguments that name a file: its folder in a workspace, and where it is found"""
 
 
 def bundle_of(name_or_file: str, *, scenes: bool = True) -> Bundle:
@@ -38,23 +32,41 @@ def bundle_of(name_or_file: str, *, scenes: bool = True) -> Bundle:
 
 def _needed(program: Program) -> Iterator[tuple[str, Path]]:
     """(path in a workspace, file)"""
+    yield from _own(program)
+    for state in program.states():  # those of the programs that it runs among them
+        if state.called is not None:
+            yield from _own(state.called)
+        elif state.file.do:
+            for argument, value in state.file.with_.items():
+                declared = ACTIVITIES[state.file.do].arguments.get(argument)
+                if declared is None or not isinstance(value, str):
+                    continue
+                if declared.kind is Kind.NODE:
+                    yield from _node(nodes.find(value))
+                elif declared.kind is Kind.BEHAVIOUR and (file := behaviour_file.files().get(value)):
+                    yield f"behaviours/{file.name}", file
+
+
+def _own(program: Program) -> Iterator[tuple[str, Path]]:
+    """Its file, and its resources' templates."""
     yield f"rtc_programs/{program.name}{program.document.file.suffix}", program.document.file
     known = catalogue.files()
     for resource in program.resources.values():
         if file := known.get(resource.template):
             yield f"affordance_templates/{file.name}", file
-    for state in program.states():
-        if not state.file.do:
-            continue
-        for argument, value in state.file.with_.items():
-            declared = ACTIVITIES[state.file.do].arguments.get(argument)
-            if declared is None or declared.kind not in _FOUND or not isinstance(value, str):
-                continue
-            folder, files = _FOUND[declared.kind]
-            if file := files().get(value):
-                yield f"{folder}/{file.name}", file
-                if declared.kind is Kind.NODE:
-                    yield from _modules(file, file.parent)
+            for shape in template_file.read(file).resolve().shapes:
+                if shape.file is not None and shape.file.is_relative_to(file.parent):
+                    yield f"affordance_templates/{shape.file.relative_to(file.parent).as_posix()}", shape.file
+
+
+def _node(file: Path) -> Iterator[tuple[str, Path]]:
+    """A node's file, with its parts and the Python files beside it that it imports."""
+    yield f"nodes/{file.name}", file
+    if file.suffix == ".py":
+        yield from _modules(file, file.parent)
+    else:
+        for part in nodes.parts(file):
+            yield from _node(part)
 
 
 def _modules(file: Path, folder: Path) -> Iterator[tuple[str, Path]]:

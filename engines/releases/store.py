@@ -23,6 +23,7 @@ from handrail.bundles import manifest as manifests
 from handrail.bundles import pieces
 from handrail.bundles.manifest import Manifest
 from handrail.topics import refuse
+from handrail.workspace import RELEASES
 
 KEPT = 20
 """releases that there is a way back to"""
@@ -200,7 +201,7 @@ class ReleaseStore:
             kept = [*entries, _Entry(release=release, bundles=dict(bundles))][-KEPT:]
             fresh = self._folder / "releases.new"
             fresh.write_bytes(msgspec.json.format(msgspec.json.encode(_File(entries=kept))))
-            os.replace(fresh, self._folder / "releases.json")
+            os.replace(fresh, self._folder / RELEASES)
         except (OSError, ValueError) as problem:
             raise refuse(f"the release can't be kept: {problem}") from problem
         self._entries = kept
@@ -260,7 +261,7 @@ class ReleaseStore:
                 shutil.rmtree(folder, ignore_errors=True)
 
     def _read(self) -> list[_Entry]:
-        file = self._folder / "releases.json"
+        file = self._folder / RELEASES
         try:
             return msgspec.json.decode(file.read_bytes(), type=_File).entries
         except FileNotFoundError:

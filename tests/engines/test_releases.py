@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import pytest
 
+from engines.releases.closure import bundle_of
 from handrail import messages as m
 from handrail.bundles import manifest, pieces
 
@@ -28,6 +30,52 @@ BEHAVIOUR = """steps:
   - name: {step}
     motion: {{type: compliant_motion, duration: 1.0, shift: [0.06, 0, 0]}}
 """
+
+
+NODE_PROGRAM = """title: Find
+states:
+  finding:
+    do: node
+    with: {node: chain, inputs: {value: 20}, outputs: [doubled]}
+    transitions:
+      - {event: done.invoke.finding, target: well, cond: _event.data.doubled == 42}
+      - {event: done.invoke.finding, target: badly}
+      - {event: error.execution, target: badly}
+  well: {final: true, outcome: succeeded}
+  badly: {final: true, outcome: failed, detail: it did not}
+"""
+CALLING = """title: Call
+resources:
+  arm: {kind: arm}
+states:
+  calling:
+    do: program
+    with: {program: reach, bind: {arm: arm}}
+    transitions: [{event: done.invoke.calling, target: well}, {event: error.execution, target: badly}]
+  badly: {final: true, outcome: failed}
+  well: {final: true, outcome: succeeded}
+"""
+NODE = """from beside import twice
+from engines.nodes import Input, Node, Output
+
+
+class Double(Node):
+    value = Input("number")
+    doubled = Output("number")
+
+    def step(self):
+        self.doubled = twice(self.value + 1)
+"""
+COMPOSITE = """nodes: {double: {node: double}}
+inputs: {value: double.value}
+outputs: {doubled: double.doubled}
+"""
+
+
+def write(folder: Path, files: dict[str, str]) -> None:
+    for path, text in files.items():
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_text(text)
 
 
 def put(text: str, step: str = "nudge", **others: str) -> m.PutBundle:
@@ -62,17 +110,17 @@ def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the
     assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["first", "second"]
 
 
-def test_what_is_deployed_is_in_the_library_survives_a_restart_and_goes_when_it_is_rolled_back(start):
+def test_what_is_deployed_survives_a_restart_and_goes_when_it_is_rolled_back(start):
     stack = start()
+    bind = m.Deploy(program="reach", bindings={"arm": "right"})
+    assert "reach" in stack.refusal(bind).value
     stack.call(put("one?"))
-    before = {entry.name: entry.hash for entry in stack.call(m.ListLibrary()).entries}
+    before = stack.call(bind).hash
     stack.call(put("two?"))
     stack = start()
-    after = {entry.name: entry.hash for entry in stack.call(m.ListLibrary()).entries}
-    assert after["reach"] != before["reach"]
-    assert after.keys() == before.keys()
+    assert stack.call(bind).hash != before
     assert stack.call(m.RollBack(by="me")).release.by == "me"
-    assert {entry.name: entry.hash for entry in stack.call(m.ListLibrary()).entries} == before
+    assert stack.call(bind).hash == before
     listing = stack.call(m.GetReleases())
     assert [release.number for release in listing.releases] == [1, 2, 3]
     assert listing.releases[0].at_ns <= listing.releases[2].at_ns <= time.time_ns()
@@ -90,3 +138,35 @@ def test_a_node_that_is_no_python_is_refused(stack, text):
     refused = stack.refusal(put("one?", node=text))
     assert (refused.field, refused.value) == ("files", "nodes/broken.py")
     assert "line 1" in refused.expected
+
+
+def test_a_node_of_parts_runs_with_what_travelled_with_it(stack, tmp_path, monkeypatch):
+    workspace = {
+        "rtc_programs/find.yaml": NODE_PROGRAM,
+        "nodes/chain.yaml": COMPOSITE,
+        "nodes/double.py": NODE,
+        "nodes/beside.py": "def twice(value):\n    return 2 * value\n",
+        "nodes/other.py": "",
+    }
+    write(tmp_path, workspace)
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    found = bundle_of("find")
+    assert sorted(found.manifest.files) == sorted(workspace.keys() - {"nodes/other.py"})
+    monkeypatch.delenv("HANDRAIL_WORKSPACE")  # the robot has it from the bundle alone
+    parts = [m.Piece(address=address, data=pieces.pack(content)) for address, content in found.contents.items()]
+    stack.call(m.PutBundle(bundle=found.address, pieces=parts))
+    deployed = stack.call(m.Deploy(program="find", bindings={}))
+    stack.call(m.Run(deployment=deployed.id))
+    ended = stack.ended()
+    assert ended.status == "succeeded", ended.detail
+
+
+def test_a_program_travels_with_those_that_it_runs(tmp_path, monkeypatch):
+    workspace = {
+        "rtc_programs/outer.yaml": CALLING,
+        "rtc_programs/reach.yaml": PROGRAM.format(text="?"),
+        "behaviours/nudge.yaml": BEHAVIOUR.format(step="nudge"),
+    }
+    write(tmp_path, workspace)
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    assert bundle_of("outer").manifest.files.keys() == workspace.keys()

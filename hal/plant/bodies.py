@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hal.plant.scene import Box, SceneObject, Wheel
+from hal.plant import linkage
+from hal.plant.scene import Box, Linkage, SceneObject, Wheel
 
 HINGE = 0
 """joint index of a wheel's hinge in its body"""
@@ -14,12 +15,28 @@ _STEEL, _PAINT, _MARK = "0.55 0.57 0.6 1", "0.75 0.16 0.12 1", "0.95 0.8 0.2 1"
 
 def object_urdf(name: str, thing: SceneObject) -> str:
     """One object as a body whose base is at the object's pose, and fixed there unless it `is_loose`."""
-    return _wheel(name, thing) if isinstance(thing, Wheel) else _box(name, thing)
+    match thing:
+        case Wheel():
+            return _wheel(name, thing)
+        case Box():
+            return _box(name, thing)
+        case Linkage():
+            return linkage.urdf(name, thing.mass, thing.shapes, thing.links)
 
 
 def is_loose(thing: SceneObject) -> bool:
     """The object can be carried away."""
-    return isinstance(thing, Box) and thing.mass is not None
+    return isinstance(thing, Box | Linkage) and thing.mass is not None
+
+
+def hinge_names(name: str, thing: SceneObject) -> tuple[str, ...]:
+    """What the ground truth calls an object's joints: OBJECT of a wheel's only one, OBJECT.JOINT of a linkage's."""
+    match thing:
+        case Wheel():
+            return (name,)
+        case Linkage():
+            return tuple(f"{name}.{joint}" for joint in thing.links)
+    return ()
 
 
 def _inertial(mass: float, xx: float, yy: float, zz: float) -> str:

@@ -16,6 +16,7 @@ import trimesh
 
 from hal.plant.bodies import HINGE, object_urdf
 from hal.plant.bullet import pybullet as p
+from hal.plant.linkage import joint_rows
 from hal.plant.model import prepare
 from hal.plant.robot_body import BASE, RobotBody
 from hal.plant.scene import Scene
@@ -41,6 +42,7 @@ class Likeness:
         if description.floor is not None:
             self._lay_floor(description.floor)
         self._objects = {name: self._load(name, scene) for name in scene.objects}
+        self._rows = {name: joint_rows(self.client, body) for name, body in self._objects.items()}
         self._poses = {self._objects[name]: pose for name, pose in scene.poses_in_world.items()}
         self._poses[self._robot.number] = Pose()
         for joint, angle in zip(description.joints, description.home_position(), strict=True):
@@ -67,12 +69,19 @@ class Likeness:
             if joint in self._robot.joints:
                 self._robot.place(joint, position)
         for name, angle in truth.hinges.items():
-            if name in self._objects:
-                p.resetJointState(self._objects[name], HINGE, angle, physicsClientId=self.client)
+            thing, _, joint = name.partition(".")
+            if thing in self._objects and (row := self._rows[thing].get(joint, HINGE)) < len(self._rows[thing]):
+                p.resetJointState(self._objects[thing], row, angle, physicsClientId=self.client)
         self._put(self._robot.number, truth.base_in_world)
         for name, pose in truth.poses_in_world.items():
             if name in self._objects:
                 self._put(self._objects[name], pose)
+
+    def hinge_angle(self, name: str) -> float:
+        """As World.hinge_angle. Raises KeyError."""
+        thing, _, joint = name.partition(".")
+        row = self._rows[thing][joint] if joint else HINGE
+        return p.getJointState(self._objects[thing], row, physicsClientId=self.client)[0]
 
     def _put(self, body: int, pose: Pose) -> None:
         """Put a body's root link at a pose; PyBullet wants its centre of mass's."""

@@ -20,6 +20,7 @@ import numpy as np
 from PIL import Image
 
 from hal.plant import scene
+from hal.plant.bodies import hinge_names
 from hal.plant.bullet import pybullet as p
 from hal.plant.world import World
 from handrail.config import ConfigError
@@ -49,7 +50,7 @@ def render(robot: RobotDescription, place: scene.Scene, state: PictureState) -> 
     """
     known_joints = [*robot.joints, *robot.device_limits, *robot.mimics]
     rows = {joint: row for row, joint in enumerate(robot.joints)}
-    hinges = [name for name, thing in place.objects.items() if isinstance(thing, scene.Wheel)]
+    hinges = [hinge for name, thing in place.objects.items() for hinge in hinge_names(name, thing)]
     for field, given, known in (("joints", state.joints, known_joints), ("hinges", state.hinges, hinges)):
         for name, angle in given.items():
             if name not in known:

@@ -9,8 +9,9 @@ A scene names its objects::
         radius: 0.15
         hinge_friction: 2.0
 
-`kind` is ``wheel`` or ``box``. A pose is a position in m and either ``rpy_deg`` (about the world's x, y, z, in this order, in
-degrees) or ``orientation`` (unit quaternion x, y, z, w). The world is the robot's fixed base.
+`kind` is ``wheel``, ``box`` or ``linkage`` (hal.plant.linkage: things with joints). A pose is a position in m and either
+``rpy_deg`` (about the world's x, y, z, in this order, in degrees) or ``orientation`` (unit quaternion x, y, z, w). The world is the
+robot's fixed base.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from hal.plant import linkage
+from hal.plant.linkage import Latch, Link, LinkShape, Thread
 from hal.plant.merge import rotation_from_rpy
 from handrail import config, workspace
 from handrail.messages import Pose
@@ -76,7 +79,21 @@ class Box(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True,
     friction: Friction = 0.6
 
 
-SceneObject = Wheel | Box
+class Linkage(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True, tag_field="kind", tag="linkage"):
+    """A thing with joints of its own (hal.plant.linkage): a door, buttons, a cap."""
+
+    pose_in_world: _PoseFile
+    links: dict[str, Link] = {}
+    shapes: tuple[LinkShape, ...] = ()
+    """of its base"""
+    mass: Annotated[float, msgspec.Meta(ge=0.001, le=1000)] | None = None
+    """kg, of a base that is loose; none: it is fixed where it is"""
+    latches: tuple[Latch, ...] = ()
+    threads: tuple[Thread, ...] = ()
+    friction: Friction = 0.6
+
+
+SceneObject = Wheel | Box | Linkage
 
 
 class _SceneFile(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
@@ -125,6 +142,7 @@ def load(name_or_file: str | os.PathLike[str]) -> Scene:
             raise document.error(field, "expected a name of letters, digits and underscores")
         if not isinstance(document.data["objects"][name], dict):
             raise document.error(field, "expected a mapping with kind and pose_in_world")
+        _convert_links(document, field)
         thing: SceneObject = document.convert(SceneObject, field)  # type: ignore[arg-type]
         _check_finite(document, field, document.data["objects"][name])
         if isinstance(thing, Wheel) and thing.tube_radius > thing.radius / 2:
@@ -132,9 +150,27 @@ def load(name_or_file: str | os.PathLike[str]) -> Scene:
                 f"{field}.tube_radius",
                 f"got {thing.tube_radius} m; expected at most half the radius, {thing.radius / 2:g}",
             )
+        if isinstance(thing, Linkage):
+            _check_linkage(document, field, thing)
         objects[name] = thing
         poses[name] = _pose(document, f"{field}.pose_in_world", thing.pose_in_world)
     return Scene(document.file, objects, poses)
+
+
+def _convert_links(document: config.Document, field: str) -> None:
+    """A linkage's links one by one, so that an error knows its link and line."""
+    given = document.data["objects"][field.partition(".")[2]]
+    if given.get("kind") == "linkage" and isinstance(given.get("links"), dict):
+        for name in given["links"]:
+            document.convert(Link, f"{field}.links.{name}")
+
+
+def _check_linkage(document: config.Document, field: str, thing: Linkage) -> None:
+    for k, shape in enumerate(thing.shapes):
+        if wrong := linkage.shape_problem(shape):
+            raise document.error(f"{field}.shapes[{k}].size", wrong)
+    if found := linkage.problem(thing.links, thing.latches, thing.threads):
+        raise document.error(f"{field}.{found[0]}", found[1])
 
 
 def _check_finite(document: config.Document, field: str, node: Any) -> None:

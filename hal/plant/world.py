@@ -15,14 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from hal.plant.actuator import FIRMWARE_HZ, Actuators
-from hal.plant.bodies import HINGE, is_loose, object_urdf
+from hal.plant.bodies import HINGE, hinge_names, is_loose, object_urdf
 from hal.plant.bullet import pybullet as p
 from hal.plant.devices import DevicePlant
 from hal.plant.drive_node import STEP_NS, DriveNodes
 from hal.plant.hoist import Hoist
 from hal.plant.joint_port import JointPort
+from hal.plant.linkage import LinkageBody
 from hal.plant.robot_body import BASE, RobotBody
-from hal.plant.scene import EMPTY, Scene, Wheel
+from hal.plant.scene import EMPTY, Linkage, Scene, Wheel
 from hal.plant.sensors import GRAVITY
 from handrail.messages import GroundTruth, Pose
 from handrail.robot.description import RobotDescription
@@ -68,6 +69,12 @@ class World:
             self.hoist = Hoist(self.robot, self.floor, _STEP)
         self._objects = {name: self._load_object(name) for name in scene.objects}
         self._hinges = {name: body for name, body in self._objects.items() if isinstance(scene.objects[name], Wheel)}
+        self._hinge_names = [hinge for name, thing in scene.objects.items() for hinge in hinge_names(name, thing)]
+        self._linkages = {
+            name: LinkageBody(self._client, self._objects[name], thing.links, thing.latches, thing.threads)
+            for name, thing in scene.objects.items()
+            if isinstance(thing, Linkage)
+        }
         self._loose = {name: body for name, body in self._objects.items() if is_loose(scene.objects[name])}
         self.drives = DriveNodes(description, Actuators.of(description))
         self.devices = DevicePlant(self.robot, self.drives, lambda: self.time_ns)
@@ -147,6 +154,8 @@ class World:
         self.catch_up()
         self.devices.sense(felt)
         self.devices.work_power()
+        for linkage in self._linkages.values():
+            linkage.work()
         torque = drives.step(self.position, self.velocity, _FIRMWARE_CYCLES)
         if drives.brakes_moved:
             self._work_brakes()
@@ -231,12 +240,23 @@ class World:
         """PyBullet's number of an object (for tests and exercises that push it). Raises KeyError when there is none."""
         return self._objects[name]
 
+    def linkage(self, name: str) -> LinkageBody:
+        """An object with joints of its own. Raises KeyError when there is none."""
+        return self._linkages[name]
+
     def hinge_angle(self, name: str) -> float:
-        """An object's hinge's signed angle, rad, without end. Raises KeyError for an object without one."""
+        """A wheel's hinge's signed angle, rad, without end; of OBJECT.JOINT a linkage's joint, rad or m. Raises KeyError."""
+        thing, _, joint = name.partition(".")
+        if joint:
+            return self._linkages[thing].position(joint)
         return p.getJointState(self._hinges[name], HINGE, physicsClientId=self._client)[0]
 
     def set_hinge_angle(self, name: str, angle: float) -> None:
-        """Turn an object's hinge to an angle, rad, and stop it there (for pictures and tests)."""
+        """Turn a hinge (OBJECT or OBJECT.JOINT) to an angle, rad (m), and stop it there (for pictures and tests)."""
+        thing, _, joint = name.partition(".")
+        if joint:
+            self._linkages[thing].place(joint, angle)
+            return
         p.resetJointState(self._hinges[name], HINGE, angle, physicsClientId=self._client)
 
     def truth(self) -> GroundTruth:
@@ -244,7 +264,7 @@ class World:
         return GroundTruth(
             time_ns=self.time_ns,
             joints=self._all_joints(),
-            hinges={name: self.hinge_angle(name) for name in self._hinges},
+            hinges={hinge: self.hinge_angle(hinge) for hinge in self._hinge_names},
             poses_in_world={
                 **self.scene.poses_in_world,
                 **{name: self._pose(body) for name, body in self._loose.items()},

@@ -15,7 +15,7 @@ class GroundTruth(Message):
     joints: dict[str, float]
     """robot joint → rad"""
     hinges: dict[str, float]
-    """scene object → its hinge's signed angle, rad"""
+    """scene object → its hinge's signed angle, rad; OBJECT.JOINT → rad or m of one with several"""
     poses_in_world: dict[str, Pose]
     """scene object → pose"""
     contact_force: dict[str, float]

@@ -91,7 +91,7 @@ class Bout:
 
     def begin(self, name: str, *references: m.Reference) -> None:
         """Start a compound task of the robot's."""
-        compound = composition.find(name, compound_tasks.folders(self.description.folder), self._model)
+        compound = composition.find(name, compound_tasks.folders(self.description.folder), lambda _: self._model)
         motion = m.WholeBody(compound=msgspec.json.encode(compound).decode(), references=list(references))
         gains, position = self.loop.manager.gains, self.loop.robot.joints.position
         control = made_from(msgspec.msgpack.encode(motion), self.kinematics, gains, self.period, position)

@@ -310,6 +310,8 @@ class Server:
             named = self._description.joints
             if code in _ABOUT_DEVICES:
                 named = tuple(device.name for device in self._description.devices)
+            elif code == exchange.Answer.NOT_STANDING:
+                named = tuple(foot.name for foot in self._description.feet)
             name = named[joint] if joint >= 0 else ""
             controller = self._desk.name_of(value) if code in _ABOUT_CONTROLLERS else ""
             problem = self._reporter.drive_problem(name)

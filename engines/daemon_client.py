@@ -119,9 +119,9 @@ class DaemonClient:
         """Whether anything was heard of the daemon within the last seconds of wall time."""
         return time.monotonic() - self._last_heard < _SILENT_S
 
-    def running_action(self) -> str:
-        """Id of the action that the daemon says it runs, empty when there is none."""
-        return self._status.action if self._status else ""
+    def runs(self, action: str) -> bool:
+        """Whether the daemon says that it runs an action."""
+        return self._status is not None and action in self._status.actions
 
     @property
     def time_ns(self) -> int:

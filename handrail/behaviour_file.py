@@ -98,17 +98,25 @@ class BehaviourFile:
         return StartBehaviour(id=action, owner=owner, steps=steps, most_steps=self._file.most_steps)
 
     def _joints(self, names: list[str], field: str, robot: Robot) -> Iterator[str]:
-        for name in names:
-            found = robot.groups.get(name) or fnmatch.filter(robot.joints, name)
-            if not found:
-                known = ", ".join([*robot.groups, robot.joints[0], "..."])
-                raise self._document.error(field, f"{name} is none of {robot.name}'s; expected of {known}, or a glob")
-            yield from found
+        try:
+            yield from named(names, robot)
+        except ValueError as problem:
+            raise self._document.error(field, str(problem)) from problem
 
     def expected(self, step: str, outcome: str) -> bool:
         """Whether the file says that the behaviour may end so: after `done`, or where a step leads to `end`."""
         leads = next((one.then for one in self._file.steps if one.name == step), {})
         return outcome == "done" or leads.get(outcome) == "end"
+
+
+def named(names: Sequence[str], robot: Robot) -> Iterator[str]:
+    """The joints that names of joints, of groups, and globs stand for. Raises ValueError for one that the robot has not."""
+    for name in names:
+        found = robot.groups.get(name) or fnmatch.filter(robot.joints, name)
+        if not found:
+            known = ", ".join([*robot.groups, robot.joints[0], "..."])
+            raise ValueError(f"{name} is none of {robot.name}'s; expected of {known}, or a glob")
+        yield from found
 
 
 def with_frames(ends: list[Any], frame: str) -> list[Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from daemon.actions.behaviours import Chain, frame_of
 from daemon.actions.end_conditions import Place, first_met, force_frames
-from daemon.controllers.base import Controller, MotionController
+from daemon.controllers.base import Controller, MotionController, NotStandingError
 from daemon.controllers.manager import ActivationError, ClaimError, ControllerManager
 from daemon.controllers.references import SLOWEST
 from daemon.controllers.registry import for_motion
@@ -142,8 +142,13 @@ class ActionTable:
             self._manager.switch([], [controller], last)
         except ClaimError as error:
             return Refusal(Answer.CLAIMED, error.joint)
-        except ActivationError:
-            return Refusal(Answer.NOT_ACTIVATED)
+        except ActivationError as error:
+            why = error.__cause__
+            return (
+                Refusal(Answer.NOT_STANDING, why.foot)
+                if isinstance(why, NotStandingError)
+                else Refusal(Answer.NOT_ACTIVATED)
+            )
         frames = [self._tool(controller), *force_frames(command.ends)]
         for step in command.steps:
             frames += [frame_of(step.motion), *force_frames(step.ends)]

@@ -77,6 +77,14 @@ class Ended(NamedTuple):
     """what else there is to say of it"""
 
 
+class NotStandingError(Exception):
+    """A foot that a controller would stand on does not hold: its number in the description's feet."""
+
+    def __init__(self, foot: int, name: str):
+        self.foot = foot
+        super().__init__(f"{name}: got no hold there; expected the feet that it is to stand on")
+
+
 class Controller(ABC):
     """Commands the joints that it claims; `joints` are their rows in the description's order.
 

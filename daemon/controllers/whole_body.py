@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from daemon.controllers.base import Array, Gains, MotionController
+from daemon.controllers.base import Array, Gains, MotionController, NotStandingError
 from daemon.controllers.references import HermitePath, LinePath, PathClock, placement
 from daemon.state.robot_state import RobotState
 from daemon.wbc import moving
@@ -18,7 +18,7 @@ from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.impedance import Easing, ImpedanceOutput
 from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, Over, Reference, StreamedPose
-from daemon.wbc.standing import NotStandingError, standing_on, upright
+from daemon.wbc.standing import standing_on, upright
 from daemon.wbc.tasks import COM, SE3, CartPos, QuaternionOrientation
 from hal.joint import JointCommand, Mode
 from handrail import messages as m
@@ -105,10 +105,7 @@ class WholeBodyControl(MotionController):
         base, still = robot.base, np.zeros(len(last.position))
         if self._model.free:
             if missing := [foot for foot in self._feet if not base.contact[foot]]:
-                names = [robot.kinematics.description.feet[foot].name for foot in missing]
-                raise NotStandingError(
-                    f"{', '.join(names)}: got no hold there; expected the feet that it is to stand on"
-                )
+                raise NotStandingError(missing[0], robot.kinematics.description.feet[missing[0]].name)
             self._model.place(last.position, still, upright(base.pose), np.zeros(6))
         else:
             self._model.place(last.position, still)

@@ -188,6 +188,8 @@ class Answer(enum.IntEnum):
     """`answer_joint` moves by `answer_value` rad/s"""
     TOUCHED = 26
     """the joints feel `answer_value` N on what the sensor of row `answer_joint` carries"""
+    NOT_STANDING = 28
+    """foot `answer_joint` of the description, which the motion stands on, does not hold"""
     TWISTED = 27
     """likewise N·m"""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Flag, Outcome
 from daemon.state.base_state import PROBLEMS, BaseSource, Trouble
-from handrail.messages import NOT_READY, ActionEvent, Base, EndCondition, Foot, Pose, RobotState
+from handrail.messages import NOT_READY, NOT_STANDING, ActionEvent, Base, EndCondition, Foot, Pose, RobotState
 from handrail.robot.description import RobotDescription
 
 _NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
@@ -279,6 +279,12 @@ def explain(
             "motion",
             NOT_READY,
             "a controller that is ready",
+        ),
+        Answer.NOT_STANDING: (
+            f"the {joint} foot does not hold, on which the motion stands (handrail daemon base): call again once it does",
+            "motion.compound",
+            NOT_STANDING,
+            "feet that all hold",
         ),
         Answer.NO_SUCH_REFERENCE: (
             "nothing of this action is streamed under that name, or the pose is not finite",

@@ -199,7 +199,7 @@ class Reporter:
                 processes=processes,
             )
         newest = self.snapshot
-        flags = Flag(int(newest["flags"]))
+        flags, running = Flag(int(newest["flags"])), self._running_actions(newest)
         return DaemonStatus(
             time_ns=int(newest["time_ns"]),
             clock=self._clock,
@@ -208,7 +208,8 @@ class Reporter:
             stop_reason=_text(newest["stop_reason"]),
             drives=drive_statuses(newest, self._description),
             controllers=active_controllers(newest, self._description.joints, loaded),
-            action=self._running_action(newest),
+            action=running[0] if running else "",
+            actions=running,
             loop=self._loop_statistics(newest),
             buses=self._bus_statistics(newest, bus_states),
             devices=device_statuses(newest, self._description),
@@ -218,12 +219,10 @@ class Reporter:
             processes=processes,
         )
 
-    def _running_action(self, newest: np.ndarray) -> str:
-        for slot in newest["actions"]:
-            if slot["state"] in (ActionState.RUNNING, ActionState.PAUSED):
-                started = self._journal.find(int(slot["serial"]))
-                return started.id if started else f"serial {int(slot['serial'])}"
-        return ""
+    def _running_actions(self, newest: np.ndarray) -> list[str]:
+        alive = [slot for slot in newest["actions"] if slot["state"] in (ActionState.RUNNING, ActionState.PAUSED)]
+        known = [(self._journal.find(int(slot["serial"])), int(slot["serial"])) for slot in alive]
+        return [started.id if started else f"serial {serial}" for started, serial in known]
 
     def _time(self, snapshots: np.ndarray) -> None:
         """Keep the last cycles' times: work, lateness (ns), two rows for each call. Whoever wants the percentiles joins them."""

@@ -23,6 +23,7 @@ from handrail.topics import refuse
 
 if TYPE_CHECKING:
     from daemon.wbc.composition import CompoundTask
+    from daemon.wbc.model import WholeBodyModel
     from daemon.wbc.tasks import Task
 
 _LIBRARIES = ("daemon.wbc.composition", "handrail.robot.kinematics")
@@ -49,7 +50,9 @@ class WholeBodyDoor:
         from daemon.wbc.model import WholeBodyModel
         from handrail.robot.kinematics import Kinematics
 
-        self._model = WholeBodyModel.of(Kinematics(self._description))
+        kinematics = Kinematics(self._description)
+        self._fixed = WholeBodyModel.of(kinematics)
+        self._free = WholeBodyModel.of(kinematics, free=True) if self._description.feet else self._fixed
 
     def checked(
         self, motion: m.WholeBody, ends: Sequence[m.EndCondition], position: np.ndarray, largest_payload: int
@@ -57,13 +60,19 @@ class WholeBodyDoor:
         """The motion with its compound as one JSON object, which the loop can read at once. `position` (n,) rad: where the
         robot is. Raises RefusedError. Only behind an open door."""
         from daemon.wbc import composition
+        from daemon.wbc.standing import standing_on
 
-        self._model.place(position, np.zeros(len(position)))
+        def model(compound: CompoundTask) -> WholeBodyModel:
+            """That which it will run on."""
+            its = self._free if standing_on(compound, self._description) else self._fixed
+            its.place(position, np.zeros(len(position)))
+            return its
+
         moved = set(motion.joints or self._description.joints)
         led = [joint for joint in self._description.joints if joint not in moved]
         try:
             compound = composition.find(
-                motion.compound, compound_tasks.folders(self._description.folder), self._model, led, motion.frame
+                motion.compound, compound_tasks.folders(self._description.folder), model, led, motion.frame
             )
         except ConfigError as error:
             at = f"line {error.line}" if error.line else motion.compound.splitlines()[0]

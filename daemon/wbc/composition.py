@@ -16,7 +16,7 @@ levels:                           # highest first; tasks of one level share it b
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args
@@ -72,11 +72,17 @@ def load_on(file: Path | str, model: WholeBodyModel) -> WholeBody:
 
 
 def find(
-    text: str, folders: Sequence[Path], model: WholeBodyModel, led: Sequence[str] = (), frame: str = ""
+    text: str,
+    folders: Sequence[Path],
+    model: Callable[[CompoundTask], WholeBodyModel],
+    led: Sequence[str] = (),
+    frame: str = "",
 ) -> CompoundTask:
     """The compound task of this name in `folders`, the first of which counts, or with this YAML text, which may extend one of
-    them; `frame`: of what names none. Raises config.ConfigError with file and line; it has been tried on `model`, with `led` moved
-    by others."""
+    them; `frame`: of what names none; `model`: that it would run on, on which it has been tried, with `led` moved by others.
+
+    Raises config.ConfigError with file and line.
+    """
     known = workspace.files(list(folders))
     if _NAME.fullmatch(text):
         if text not in known:
@@ -87,7 +93,7 @@ def find(
     else:
         document = config.parse(text, Path("compound"))
     compound = _merged(document, (), known, frame)
-    _on(document, compound, model, led)
+    _on(document, compound, model(compound), led)
     return compound
 
 

@@ -12,10 +12,6 @@ from daemon.wbc.memory import Array
 from handrail.robot.description import RobotDescription
 
 
-class NotStandingError(Exception):
-    """A foot that a compound task stands on does not hold."""
-
-
 def standing_on(compound: CompoundTask, description: RobotDescription) -> tuple[int, ...]:
     """Numbers of the description's feet at whose frames the compound has contacts: where there are any, the base is free."""
     contacts = {c.frame for c in compound.constraints if isinstance(c, FlatContact | PointContact)}

@@ -44,6 +44,8 @@ class Kind(Enum):
     """a plain name"""
     NAMES = "names"
     """a list of plain names"""
+    TEXTS = "texts"
+    """a list of such words as TEXT takes"""
     CHOICE = "choice"
     """one of `Argument.choices`"""
     TEXT = "text"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.runs.motion import MotionFailed
-from handrail.behaviour_file import BehaviourFile, Part, find
+from handrail.behaviour_file import SOME_ARM, BehaviourFile, Part, find
 from handrail.config import ConfigError
 
 
@@ -15,14 +16,22 @@ class BehaveActivity(Activity):
     ended it (`contact`), or what the file leads to `end`.
     """
 
-    arguments = {"behaviour": Argument(Kind.BEHAVIOUR), "arm": Argument(Kind.ARM)}
+    arguments = {"behaviour": Argument(Kind.BEHAVIOUR), "arm": Argument(Kind.ARM, required=False, default="")}
     outputs = frozenset({"outcome", "step"})
+
+    @classmethod
+    def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
+        try:
+            BehaviourFile(find(str(given["behaviour"])), SOME_ARM if "arm" in given else None)
+        except ConfigError as problem:
+            return "arm", str(problem)
+        return "", ""
 
     def run(self) -> dict[str, Any]:
         name, description = self.values["behaviour"], self.services.description
-        arm = description.arms[self.values["arm"]]
+        arm = description.arms.get(self.values["arm"])
         try:
-            behaviour = BehaviourFile(find(name), Part(arm.tip, arm.joints))
+            behaviour = BehaviourFile(find(name), Part(arm.tip, arm.joints) if arm else None)
             ended = self.context.motion.run_behaviour(behaviour, description, self.cancelled, what=name)
         except ConfigError as problem:
             raise ActivityFailed("refused", str(problem)) from problem

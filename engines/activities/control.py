@@ -1,9 +1,11 @@
-"""`do: control`: whole-body control of an arm, a compound task under its constraints, for as long as the state lasts."""
+"""`do: control`: whole-body control of an arm, of some joints, or of all: a compound task under its constraints, for as long as the
+state lasts. So a robot stands on its feet, too (docs/balance.md)."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -12,7 +14,7 @@ import numpy as np
 from affordance_templates.instance import Instance
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.runs.motion import MotionFailed
-from handrail.behaviour_file import with_frames
+from handrail.behaviour_file import named, with_frames
 from handrail.messages import (
     EndCondition,
     FixedPose,
@@ -40,13 +42,14 @@ References = list[FixedPose | FrameLine | PostureKnots | Followed]
 
 
 class ControlActivity(Activity):
-    """Runs a compound task with the joints of an arm, from where they are. Done with `outcome`: `done`, or the end condition that
-    ended it.
+    """Runs a compound task with `joints`, else with those of `arm`, else with all, from where they are. Done with `outcome`:
+    `done`, or the end condition that ended it. Fails with `not_standing` where it stands on a foot that does not hold.
     """
 
     arguments = {
         "compound": Argument(Kind.COMPOUND),
-        "arm": Argument(Kind.ARM),
+        "arm": Argument(Kind.ARM, required=False, default=""),
+        "joints": Argument(Kind.TEXTS, required=False, default=()),
         "references": Argument(Kind.LIST, required=False, default=(), of=References),
         "ends": Argument(Kind.LIST, required=False, default=(), of=list[EndCondition]),
         "duration": Argument(Kind.NUMBER, required=False, default=0.0, unit="s"),
@@ -55,17 +58,29 @@ class ControlActivity(Activity):
     }
     outputs = frozenset({"outcome"})
 
+    @classmethod
+    def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
+        ends = list(given.get("ends", ()))
+        if "arm" in given or with_frames(ends, "") == ends:
+            return "", ""
+        return "ends", "one names no frame; expected `frame`, or an arm whose tip it is about"
+
     def run(self) -> dict[str, Any]:
-        values, arm = self.values, self.services.description.arms[self.values["arm"]]
-        given = values["compound"]
+        values, description = self.values, self.services.description
+        arm = description.arms.get(values["arm"])
+        frame, given = arm.tip if arm else "", values["compound"]
+        try:
+            joints = list(named(values["joints"], description)) or list(arm.joints if arm else ())
+        except ValueError as problem:
+            raise ActivityFailed("bad_argument", f"control: joints: {problem}") from problem
         try:
             references = msgspec.convert(list(values["references"]), References)
-            ends = msgspec.convert(with_frames(list(values["ends"]), arm.tip), list[EndCondition])
+            ends = msgspec.convert(with_frames(list(values["ends"]), frame), list[EndCondition])
             motion = msgspec.convert(
                 {
                     "compound": given if isinstance(given, str) else json.dumps(given),
-                    "joints": list(arm.joints),
-                    "frame": arm.tip,
+                    "joints": joints,
+                    "frame": frame,
                     **{name: values[name] for name in ("duration", "stiffness", "damping")},
                 },
                 WholeBody,

@@ -273,10 +273,14 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
                 if (instance := getattr(goal, "instance", "")) and instance not in instances:
                     there = f"one of: {', '.join(instances)}" if instances else "a declaration of it under `resources`"
                     raise error(path, f"got {instance!r}, no resource of kind instance; expected {there}")
-        case Kind.TEXT:
-            if not isinstance(value, str):
-                raise error(path, f"got {value!r}; expected a text")
-            _check_text(program, path, value, frozenset())
+        case Kind.TEXT | Kind.TEXTS:
+            texts = [value] if argument.kind is Kind.TEXT else value
+            if not isinstance(texts, list) or not all(isinstance(each, str) for each in texts):
+                raise error(
+                    path, f"got {value!r}; expected {'a text' if argument.kind is Kind.TEXT else 'a list of texts'}"
+                )
+            for each in texts:
+                _check_text(program, path, each, frozenset())
         case Kind.NUMBER | Kind.VALUE:
             if isinstance(value, bool) or not isinstance(value, str | int | float):
                 kind = f"a number in {argument.unit}" if argument.unit else f"a {argument.kind.value}"

@@ -142,6 +142,8 @@ class Scope:
         match argument.kind:
             case Kind.ARM | Kind.INSTANCE:
                 return getattr(self.data, given)
+            case Kind.TEXTS:
+                return [self.words(each) for each in given]
             case Kind.TEXT:
                 return self.words(given)
             case Kind.COMPOUND:

@@ -1,7 +1,8 @@
-"""A run's motion: one action after another on the daemon, paused, resumed and cancelled as a whole.
+"""A run's motion: actions on the daemon, paused and resumed as a whole, each cancelled by itself.
 
-Pause and cancel come from the engine's main thread while an activity's thread waits in `run`; the gate makes sure that no action
-starts in between.
+Those that move different joints run side by side, as states do; one waits for another that moves a joint of its own. Pause and
+cancel come from the engine's main thread while activities' threads wait in `run`; the gate makes sure that no action starts in
+between.
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import get_args
 
 import msgspec
 
 from engines.daemon_client import DaemonClient
-from engines.runs.parts import Parts
+from engines.runs.parts import Parts, meet
 from handrail.behaviour_file import BehaviourFile, Robot
 from handrail.messages import (
     NOT_READY,
+    NOT_STANDING,
     ActionEvent,
     CancelAction,
     EndCondition,
+    JointTarget,
     PauseAction,
     ResumeAction,
     StartAction,
@@ -76,8 +80,19 @@ class MotionFailed(Exception):
         super().__init__(message)
 
 
+@dataclass(eq=False)
+class _Running:
+    """An action between its start and its end."""
+
+    message: StartAction | StartBehaviour
+    cancelled: threading.Event
+    still: Callable[[], str]
+    outdated: str = ""
+    """why it was cancelled instead of resumed"""
+
+
 class Motion:
-    """Runs actions for one run; every method may be called from any thread, `run` from one at a time."""
+    """Runs actions for one run; every method may be called from any thread."""
 
     def __init__(
         self,
@@ -96,11 +111,7 @@ class Motion:
         self._daemon, self._parts, self._hold_after_s, self._heard = daemon, parts, hold_after_s, heard
         self._gate = threading.Condition()
         self._paused = False
-        self._action = ""
-        self._cancelled = threading.Event()
-        """of the action that runs"""
-        self._still: Callable[[], str] = _always
-        self._outdated = ""
+        self._running: list[_Running] = []
         self._name = uuid.uuid4().hex[:8]
         self._count = self._sample = 0
 
@@ -158,9 +169,10 @@ class Motion:
         meanwhile: Callable[[str], None] | None = None,
     ) -> ActionEvent:
         action, quiet, patience = message.id, 0.0, _LISTEN_S if meanwhile is None else _STREAM_S
+        running = _Running(message, cancelled, still)
         with self._daemon.watch(action) as watch:
             unknown = 0
-            self._start(message, cancelled, what, still)
+            self._start(running, what)
             try:
                 while True:
                     event = watch.next(patience)
@@ -175,46 +187,47 @@ class Motion:
                     quiet = 0.0
                     # A daemon that was started anew knows nothing of the action, and will never tell that it ended.
                     if event is None and cancelled.is_set():
-                        self._cancel_again()
-                    unknown = unknown + 1 if event is None and self._daemon.running_action() != action else 0
+                        self._cancel_again(running)
+                    unknown = unknown + 1 if event is None and not self._daemon.runs(action) else 0
                     if not self._daemon.alive() or unknown >= _UNKNOWN_LIMIT:
                         raise MotionFailed("daemon_lost", f"{what}: the daemon has gone silent or was started anew")
             finally:
                 with self._gate:
-                    self._action, self._still = "", _always
-                    outdated, self._outdated = self._outdated, ""
+                    self._running.remove(running)
+                    others = bool(self._running)
                     self._gate.notify_all()
+        if others:
+            self._daemon.release_time()  # for which this one's end made time wait: what runs beside it goes on
         if event.outcome == "done" or event.outcome in GUARDS or expected(event.step, event.outcome):
             return event
-        if outdated:
-            raise MotionFailed("stale", f"{what} was not resumed: {outdated}")
+        if running.outdated:
+            raise MotionFailed("stale", f"{what} was not resumed: {running.outdated}")
         if event.outcome == "cancelled" and not cancelled.is_set() and (who := self._parts.taken_over()):
             raise MotionFailed("taken_over", f"{what} was cancelled: {who}")
         detail = f" ({event.detail})" if event.detail else ""
         raise MotionFailed(event.outcome, f"{what}: {_REASONS.get(event.outcome, event.outcome)}{detail}")
 
-    def _start(
-        self, message: StartAction | StartBehaviour, cancelled: threading.Event, what: str, still: Callable[[], str]
-    ) -> None:
+    def _start(self, wanted: _Running, what: str) -> None:
+        message, cancelled = wanted.message, wanted.cancelled
         with self._gate:
-            if (
-                self._action
-            ):  # a state was left in the middle of it: its joints are free once it stands, in simulated time, too
+            if self._in_the_way(message):
+                # A state was left in the middle of it: its joints are free once it stands, in simulated time, too.
                 self._daemon.release_time()
             gives_up = time.monotonic() + _MAKING_S
             while True:
-                self._gate.wait_for(lambda: not (self._paused or self._action) or cancelled.is_set())
+                self._gate.wait_for(lambda: not (self._paused or self._in_the_way(message)) or cancelled.is_set())
                 if cancelled.is_set():
                     raise MotionFailed("cancelled", f"{what}: it was cancelled", started=False)
-                if why := still():
+                if why := wanted.still():
                     raise MotionFailed("stale", f"{what} was not started: {why}", started=False)
                 try:
                     self._daemon.call(self._parts.hold(message), timeout_s=_ANSWER_S)
                     break
                 except RefusedError as refused:
                     if refused.refusal.value != NOT_READY or time.monotonic() > gives_up:
+                        reason = "not_standing" if refused.refusal.value == NOT_STANDING else "refused"
                         said = f"{what}: the daemon refused it: {refused}"
-                        raise MotionFailed("refused", said, started=False) from refused
+                        raise MotionFailed(reason, said, started=False) from refused
                 except Unreachable as silent:
                     with contextlib.suppress(
                         RefusedError, Unreachable
@@ -222,40 +235,51 @@ class Motion:
                         self._daemon.call(CancelAction(id=message.id))
                     raise MotionFailed("daemon_lost", f"{what}: {silent}") from silent
                 self._gate.wait(_AGAIN_S)  # others may pause, cancel, and start theirs meanwhile
-            self._action, self._cancelled, self._still = message.id, cancelled, still
+            self._running.append(wanted)
+
+    def _in_the_way(self, message: StartAction | StartBehaviour) -> bool:
+        return any(meet(message, other.message) for other in self._running)
 
     def pause(self) -> None:
-        """Stop moving along the path, and start nothing new. Raises Unreachable when the daemon does not answer: then it is not
+        """Stop moving along the paths, and start nothing new. Raises Unreachable when the daemon does not answer: then it is not
         paused (or the pause goes on, if it was).
         """
         with self._gate:
-            self._tell(PauseAction)
+            for running in self._running:
+                self._tell(PauseAction, running)
             self._paused = True
 
     def resume(self) -> None:
         """Go on; a motion that may not be run any more is cancelled instead. Raises Unreachable when the daemon does not answer."""
         with self._gate:
-            self._outdated = self._still() if self._paused else ""
-            self._tell(CancelAction if self._outdated else ResumeAction)
+            for running in self._running:
+                running.outdated = running.still() if self._paused else ""
+                self._tell(CancelAction if running.outdated else ResumeAction, running)
             self._paused = False
             self._gate.notify_all()
 
     def interrupt(self) -> None:
-        """End the running action if its `cancelled` was set, and let none begin whose was. Raises Unreachable when the daemon does
+        """End the running actions whose `cancelled` was set, and let none begin whose was. Raises Unreachable when the daemon does
         not answer.
         """
         with self._gate:
             self._gate.notify_all()
-            if self._cancelled.is_set():
-                self._tell(CancelAction)
+            for running in self._running:
+                if running.cancelled.is_set():
+                    self._tell(CancelAction, running)
 
     def redirect(self, positions: Sequence[float]) -> bool:
         """Give a JointTarget that is on its way another target (m,) rad. False: none is. Raises Unreachable."""
         with self._gate:
-            if not self._action:
+            on_the_way = [
+                running.message.id
+                for running in self._running
+                if isinstance(running.message, StartAction) and isinstance(running.message.motion, JointTarget)
+            ]
+            if not on_the_way:
                 return False
             self._sample += 1
-            message = StreamJoints(id=self._action, sequence=self._sample, positions=list(positions))
+            message = StreamJoints(id=on_the_way[0], sequence=self._sample, positions=list(positions))
             try:
                 self._daemon.call(message)
             except RefusedError:  # it has just ended by itself
@@ -269,18 +293,14 @@ class Motion:
     def settled(self, timeout_s: float) -> bool:
         """Wait until no action runs any more; False when one still does."""
         with self._gate:
-            return self._gate.wait_for(lambda: not self._action, timeout_s)
+            return self._gate.wait_for(lambda: not self._running, timeout_s)
 
-    def _cancel_again(self) -> None:
+    def _cancel_again(self, running: _Running) -> None:
         # The daemon may not have heard of it the first time; it does not mind hearing it twice.
         with self._gate, contextlib.suppress(Unreachable):
-            self._tell(CancelAction)
+            self._tell(CancelAction, running)
 
-    def _tell(self, kind: type[PauseAction | ResumeAction | CancelAction]) -> None:
-        if not self._action:
-            return
-        try:
-            self._daemon.call(kind(id=self._action))
-        except RefusedError:
-            # It has just ended by itself: there is nothing left to pause or cancel.
-            return
+    def _tell(self, kind: type[PauseAction | ResumeAction | CancelAction], running: _Running) -> None:
+        # Refused, it has just ended by itself: there is nothing left to pause or cancel.
+        with contextlib.suppress(RefusedError):
+            self._daemon.call(kind(id=running.message.id))

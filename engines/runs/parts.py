@@ -64,19 +64,36 @@ class Parts:
         self._held.clear()
 
     def _needed(self, message: StartAction | StartBehaviour) -> list[str]:
-        steps = message.steps if isinstance(message, StartBehaviour) else []
-        motions = [step.motion for step in steps] if isinstance(message, StartBehaviour) else [message.motion]
-        joints: set[str] = set()
-        for motion in motions:
-            if isinstance(motion, WholeBody) and not motion.joints:
-                return [BODY]
-            joints.update(motion.joints)
+        moved = _moved(message)
+        if moved is None:
+            return [BODY]
+        grippers = _grippers(message)
+        joints = moved.difference(grippers)
         parts = [name for name, members in self._groups.items() if joints.intersection(members)]
         if joints.difference(*(self._groups[name] for name in parts)):
             return [BODY]
-        return [*parts, *dict.fromkeys(step.gripper.gripper for step in steps if step.gripper is not None)]
+        return [*parts, *grippers]
 
     def _meet(self, one: str, other: str) -> bool:
         if BODY in (one, other) or one == other:
             return True
         return not set(self._groups.get(one, ())).isdisjoint(self._groups.get(other, ()))
+
+
+def meet(one: StartAction | StartBehaviour, other: StartAction | StartBehaviour) -> bool:
+    """Whether both move the same joint, or order the same gripper."""
+    first, second = (_moved(message) for message in (one, other))
+    return first is None or second is None or not first.isdisjoint(second)
+
+
+def _moved(message: StartAction | StartBehaviour) -> frozenset[str] | None:
+    """The joints that it moves, and the grippers that it orders about; None: all of the body."""
+    motions = [step.motion for step in message.steps] if isinstance(message, StartBehaviour) else [message.motion]
+    if any(isinstance(motion, WholeBody) and not motion.joints for motion in motions):
+        return None
+    return frozenset(joint for motion in motions for joint in motion.joints).union(_grippers(message))
+
+
+def _grippers(message: StartAction | StartBehaviour) -> list[str]:
+    steps = message.steps if isinstance(message, StartBehaviour) else []
+    return list(dict.fromkeys(step.gripper.gripper for step in steps if step.gripper is not None))

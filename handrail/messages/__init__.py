@@ -119,6 +119,7 @@ from handrail.messages.instances import (
 from handrail.messages.jogs import Jog, Jogged
 from handrail.messages.motions import (
     NOT_READY,
+    NOT_STANDING,
     CartesianImpedance,
     Compliance,
     CompliantMotion,
@@ -231,6 +232,7 @@ from handrail.messages.state import (
 
 __all__ = [
     "NOT_READY",
+    "NOT_STANDING",
     "ActionEvent",
     "Along",
     "Answer",

@@ -109,6 +109,10 @@ NOT_READY = "not ready"
 """the refused value of a StartAction whose controller is still being made: call again"""
 
 
+NOT_STANDING = "no hold"
+"""likewise of one that stands on feet one of which does not hold: call again once it does"""
+
+
 class WholeBody(msgspec.Struct, tag="whole_body", kw_only=True, forbid_unknown_fields=True):
     """Run a compound task on `joints`: torques of whole-body control, and an impedance about where they lead.
 

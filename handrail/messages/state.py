@@ -147,7 +147,9 @@ class DaemonStatus(Message):
     buses: list[BusStatistics]
     stop_reason: str = ""
     action: str = ""
-    """id of the running action"""
+    """id of the running action, the first of them where there are several"""
+    actions: list[str] = []
+    """ids of all running actions"""
     speed: float = 1.0
     """share of the planned speed that every motion runs at (SetSpeed)"""
     holds: list[str] = []

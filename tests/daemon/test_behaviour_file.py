@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from daemon.actions.cli import app
 from daemon.exchange import Answer, Kind, Outcome, PreparedMotion
 from daemon.server import robot_info
+from daemon.serving.whole_body_door import WholeBodyDoor
 from handrail.behaviour_file import BehaviourFile, Part, find
 from handrail.config import ConfigError
 from handrail.messages import CompliantMotion, ContactEnd, WholeBody
@@ -111,6 +112,15 @@ def test_a_whole_body_step_may_have_its_compound_task_written_in_it_and_moves_al
     assert press.motion.joints == robot.joints
 
 
+@pytest.fixture(scope="session")
+def loaded() -> None:
+    """What the server's door to whole-body motions loads, and compiles where nothing was: longer than a test waits."""
+    robot = robots.load("talos_upper")
+    door = WholeBodyDoor(robot)
+    assert door.open(250.0)
+    door.checked(WholeBody(compound="hand", frame="tool_right_tip"), (), robot.home_position(), 1 << 18)
+
+
 def twice(tmp_path: Path) -> Path:
     """A posture, the same once more, and a hand's pose."""
     file = tmp_path / "twice.yaml"
@@ -121,6 +131,7 @@ def twice(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.usefixtures("loaded")
 def test_whole_body_steps_are_made_before_the_behaviour_starts_and_those_that_are_the_same_only_once(
     rig: Rig, tmp_path: Path
 ) -> None:
@@ -137,6 +148,7 @@ def test_whole_body_steps_are_made_before_the_behaviour_starts_and_those_that_ar
     assert [len(motion.joints) for motion in motions] == [len(rig.description.joints)] * 3
 
 
+@pytest.mark.usefixtures("loaded")
 def test_run_asks_again_while_a_step_is_still_being_made(rig: Rig, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("daemon.server._PREPARE_TIMEOUT_S", 0.0)
     loop = rig.start_loop()

@@ -62,7 +62,8 @@ class FakeDaemon:
 
     def __post_init__(self) -> None:
         self.command = np.array([0.0, -0.3, 0.0])
-        self.cycle, self.action = 0, None
+        self.cycle = 0
+        self.running: list[Any] = []
         body = SimpleNamespace(joints=JOINTS, groups={"tool": JOINTS[:2]}, devices=[])
         self.leases = Leases(body, self.runtime.folder / "leases.json")  # type: ignore[arg-type]
         self._todo: list[Callable[[], None]] = []
@@ -83,6 +84,11 @@ class FakeDaemon:
                 self._todo.pop(0)()
         service.close()
         self.publisher.close()
+
+    @property
+    def action(self) -> Any:
+        """The running action, the newest where there are several."""
+        return self.running[-1] if self.running else None
 
     def close(self) -> None:
         self._end.set()
@@ -138,6 +144,7 @@ class FakeDaemon:
             drives=[],
             controllers={},
             action=self.action.id if self.action else "",
+            actions=[action.id for action in self.running],
             loop=m.LoopStatistics(),
             buses=[],
             leases=self.leases.held(),
@@ -161,34 +168,38 @@ class FakeDaemon:
             motion = msgspec.structs.replace(self.action.motion, positions=call.positions)
             self.action = msgspec.structs.replace(self.action, motion=motion)
         elif isinstance(call, m.CancelAction | m.PauseAction | m.ResumeAction):
-            if self.action is None or self.action.id != call.id:
+            meant = [action for action in self.running if action.id == call.id]
+            if not meant:
                 raise refuse("no such action", "id", call.id, "a running one")
             if isinstance(call, m.CancelAction):
-                self._todo.append(lambda: self._ended("cancelled", 0.5))
+                self._todo.append(lambda: self._ended("cancelled", 0.5, meant[0]))
         return None
 
     def _start(self, action: m.StartAction | m.StartBehaviour) -> None:
         motion = action.motion if isinstance(action, m.StartAction) else action.steps[0].motion
         self.leases.check(action.owner, motion.joints, action.lease, action.sequence)  # type: ignore[union-attr]
-        if self.action is not None:
-            raise refuse("claimed by a running action", "joints", self.action.id, "joints that nobody else claims")
+        for other in self.running:
+            theirs = other.motion if isinstance(other, m.StartAction) else other.steps[0].motion
+            if set(theirs.joints or JOINTS) & set(motion.joints or JOINTS):
+                raise refuse("claimed by a running action", "joints", other.id, "joints that nobody else claims")
         if isinstance(action, m.StartAction) and isinstance(action.motion, m.JointTrajectory):
             first = np.array(action.motion.positions[0])
             if np.abs(first - self.command[: len(first)]).max() > 0.02:
                 raise refuse("first knot", "motion.positions[0]", first, f"within 0.02 rad of {self.command}")
-        self.action = action
-        self._todo.append(lambda: self._event("running", ""))
+        self.running.append(action)
+        self._todo.append(lambda: self._event("running", "", action))
         self._todo.append(lambda: self.disturb(action))
         if outcome := self.trip(action):
-            self._todo.append(lambda: self._ended(outcome, 0.5))
+            self._todo.append(lambda: self._ended(outcome, 0.5, action))
         elif not self.slow:
-            self.finish()
+            self._todo.append(lambda: self._ended("done", 1.0, action))
 
-    def _ended(self, outcome: str, share: float) -> None:
-        if self.action is None:
+    def _ended(self, outcome: str, share: float, action: Any = None) -> None:
+        action = action or self.action
+        if action not in self.running:
             return
         begin = self.command.copy()
-        motion = None if isinstance(self.action, m.StartBehaviour) else self.action.motion
+        motion = None if isinstance(action, m.StartBehaviour) else action.motion
         if isinstance(motion, m.JointTrajectory):
             knots = np.array(motion.positions)
             at = np.interp(share, np.linspace(0, 1, len(knots)), np.arange(len(knots)))
@@ -200,8 +211,8 @@ class FakeDaemon:
         elif isinstance(motion, m.CartesianImpedance):
             self.command[1] = motion.goal_in_world.position[0] - HINGE[0]
         self._push(begin)
-        self._event("ended", outcome)
-        self.action = None
+        self._event("ended", outcome, action)
+        self.running.remove(action)
 
     def _push(self, begin: np.ndarray) -> None:
         """Turn the wheel where the tool, in between the spokes, runs against one."""
@@ -210,15 +221,15 @@ class FakeDaemon:
             ahead = (self.wheel - begin[0]) % (math.pi / 2)
             self.wheel += max(0.0, self.command[0] + touching - (begin[0] + ahead))
 
-    def _event(self, state: Any, outcome: str) -> None:
-        if self.action is not None:
+    def _event(self, state: Any, outcome: str, action: Any) -> None:
+        if action in self.running:
             position = self.command.tolist()
             self.publisher.send(
                 m.ActionEvent(
-                    id=self.action.id,
+                    id=action.id,
                     state=state,
                     outcome=outcome,
-                    step=self.action.steps[-1].name if isinstance(self.action, m.StartBehaviour) else "",
+                    step=action.steps[-1].name if isinstance(action, m.StartBehaviour) else "",
                     time_ns=self.cycle * 2_000_000,
                     cycle=self.cycle,
                     position=position,

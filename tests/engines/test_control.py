@@ -77,6 +77,113 @@ def test_a_motion_whose_controller_is_still_being_made_is_asked_for_again(stack,
     assert stack.call(m.GetEngine()).run.status == "running"
 
 
+SIDE_BY_SIDE = """\
+title: Two at once
+resources: {arm: {kind: arm}}
+states:
+  both:
+    parallel: true
+    states:
+      one:
+        states:
+          turning:
+            do: control
+            with: {compound: posture, joints: [angle], duration: 5}
+            transitions: [{event: done.invoke.turning, target: turned}]
+          turned: {final: true}
+      other:
+        states:
+          pushing:
+            do: control
+            with: {compound: posture, joints: [SECOND], duration: 5}
+            transitions: [{event: done.invoke.pushing, target: pushed}]
+          pushed: {final: true}
+    transitions: [{event: done.state.both, target: good}, {event: error.execution, target: bad}]
+  good: {final: true, outcome: succeeded}
+  bad: {final: true, outcome: failed, detail: "{failure}"}
+"""
+
+
+@pytest.fixture
+def both(stack, daemon, tmp_path, monkeypatch):
+    """Runs two states side by side, the second one with the joint that it is told."""
+
+    def begin(second: str) -> None:
+        monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+        (tmp_path / "rtc_programs").mkdir()
+        (tmp_path / "rtc_programs" / "two_at_once.yaml").write_text(SIDE_BY_SIDE.replace("SECOND", second))
+        daemon.slow = True
+        deployed = stack.call(m.Deploy(program="two_at_once", bindings={"arm": "right"}))
+        stack.call(m.Run(deployment=deployed.id))
+
+    return begin
+
+
+def test_states_side_by_side_that_move_different_joints_run_at_once_and_are_paused_and_go_on_together(
+    stack, daemon, both
+):
+    both("depth")
+    until(lambda: len(daemon.running) == 2)
+    assert {call.motion.joints[0] for call in daemon.started()} == {"angle", "depth"}
+    ids = {action.id for action in daemon.running}
+    stack.call(m.PauseRun())
+    until(lambda: {call.id for call in daemon.calls if isinstance(call, m.PauseAction)} == ids)
+    stack.call(m.ResumeRun())
+    until(lambda: {call.id for call in daemon.calls if isinstance(call, m.ResumeAction)} == ids)
+    daemon.finish()
+    until(lambda: len(daemon.running) == 1)
+    daemon.finish()
+    assert stack.ended().status == "succeeded"
+    assert len(daemon.started()) == 2
+
+
+def test_one_that_moves_a_joint_of_anothers_waits_for_it(stack, daemon, both):
+    both("angle")
+    until(lambda: daemon.running)
+    first = daemon.action
+    stack.call(m.PauseRun())
+    stack.call(m.ResumeRun())
+    assert daemon.running == [first]
+    daemon.finish()
+    until(lambda: daemon.running and daemon.action is not first)
+    daemon.finish()
+    assert stack.ended().status == "succeeded"
+
+
+def test_stopping_the_run_cancels_all_that_runs_side_by_side(stack, daemon, both):
+    both("depth")
+    until(lambda: len(daemon.running) == 2)
+    ids = {action.id for action in daemon.running}
+    stack.call(m.StopRun())
+    assert stack.ended().status == "stopped"
+    assert {call.id for call in daemon.calls if isinstance(call, m.CancelAction)} == ids
+
+
+def test_without_an_arm_it_moves_all_joints_and_a_foot_that_does_not_hold_is_a_failure_that_may_be_tried_again(
+    stack, daemon, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    (tmp_path / "rtc_programs").mkdir()
+    (tmp_path / "rtc_programs" / "stands.yaml").write_text(
+        "title: Stand\nresources: {}\nstates:\n  standing:\n    do: control\n    with: {compound: posture, duration: 1}\n"
+        "    retry: 2\n    transitions: [{event: done.invoke.standing, target: good}, {event: error.execution, target: bad}]\n"
+        "  good: {final: true, outcome: succeeded}\n  bad: {final: true, outcome: failed, detail: '{failure}'}\n"
+    )
+    begin, asked = daemon._start, []
+
+    def hangs(action) -> None:
+        asked.append(action)
+        if len(asked) < 3:
+            raise refuse("the left foot does not hold", "motion.compound", m.NOT_STANDING, "feet that all hold")
+        begin(action)
+
+    daemon._start = hangs
+    deployed = stack.call(m.Deploy(program="stands", bindings={}))
+    stack.call(m.Run(deployment=deployed.id))
+    assert stack.ended().status == "succeeded"
+    assert [call.motion.joints for call in asked] == [[]] * 3
+
+
 WITH = "compound: hand, arm: arm"
 
 
@@ -96,6 +203,10 @@ WITH = "compound: hand, arm: arm"
             r"with.references\[0\].follow: got 'arm', no resource of kind instance",
         ),
         (WITH + ", ends: [{type: contact, threshold: -1}]", r"go.yaml:5: states.go.with.ends\[0\].threshold: .*got -1"),
+        (
+            "compound: hand, ends: [{type: contact, threshold: 5}]",
+            r"with.ends: one names no frame; expected `frame`, or an",
+        ),
         (WITH + ", references: [{type: fixed, task: 'hand {who}'}]", r"with.references\[0\].task: unknown name 'who'"),
     ],
 )

@@ -28,7 +28,7 @@ def begin(stack, daemon, wait_until, **parameters):
     stack.run(**parameters)
     stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
     wait_until(daemon.started)
-    wait_until(lambda: stack.engine._run._motion._action)
+    wait_until(lambda: stack.engine._run._motion._running)
     return daemon.started()[0]
 
 
@@ -49,7 +49,7 @@ def test_nothing_new_starts_while_paused_even_when_the_action_just_ended(stack, 
     stack.call(m.PauseRun())
     daemon.finish()
     wait_until(lambda: daemon.action is None)
-    wait_until(lambda: not stack.engine._run._motion._action)
+    wait_until(lambda: not stack.engine._run._motion._running)
     assert len(daemon.started()) == 1
     daemon.slow = False
     stack.call(m.ResumeRun())
@@ -107,7 +107,7 @@ def test_a_silent_daemon_fails_the_run_instead_of_leaving_it_running(stack, daem
 
 def test_a_daemon_that_was_started_anew_fails_the_run_whose_action_it_does_not_know(stack, daemon, wait_until):
     begin(stack, daemon, wait_until)
-    daemon.action = None
+    daemon.running.clear()
     ended = stack.ended()
     assert ended.status == "failed"
     assert "started anew" in ended.detail
@@ -192,7 +192,7 @@ def test_a_stopped_run_has_ended_only_when_its_motion_has(stack, daemon, wait_un
     monkeypatch.setattr(Motion, "settled", lambda motion, _: settling.set() or settled(motion, 60))
     begin(stack, daemon, wait_until)
     action = daemon.action
-    daemon._ended, ended = lambda outcome, share: None, daemon._ended
+    daemon._ended, ended = lambda outcome, share, action=None: None, daemon._ended
     stack.call(m.StopRun())
     wait_until(lambda: any(isinstance(call, m.CancelAction) for call in daemon.calls))
     deployed = stack.call(m.Deploy(program="turn_valve", bindings={"arm": "left", "valve": "wheel_1"}))
@@ -299,8 +299,8 @@ class Mute:
             "alive": lambda: True,
         }[name]
 
-    def running_action(self):
-        return next(call.id for call in self.calls if isinstance(call, m.StartAction))
+    def runs(self, action):
+        return any(call.id == action for call in self.calls if isinstance(call, m.StartAction))
 
 
 def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_again(wait_until):
@@ -308,7 +308,7 @@ def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_agai
     motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
     threading.Thread(target=motion.run, args=(trajectory, (), cancelled), daemon=True).start()
-    wait_until(lambda: motion._action)
+    wait_until(lambda: motion._running)
     daemon.answers = False
     with pytest.raises(Unreachable):
         motion.pause()
@@ -372,7 +372,7 @@ def test_what_a_state_waits_to_move_is_cancelled_without_what_another_moves(wait
         reasons.append(failed.value.reason)
 
     threading.Thread(target=motion.run, args=(trajectory, (), moving), daemon=True).start()
-    wait_until(lambda: motion._action)
+    wait_until(lambda: motion._running)
     second = threading.Thread(target=wait, daemon=True)
     second.start()
     waiting.set()

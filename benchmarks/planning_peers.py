@@ -52,11 +52,14 @@ class Drake:
 
     def prepare(self, target, knots):
         """`knots` 1: one configuration; else the first stands, the others are free, the hand's goal holds at the last."""
+        self.contexts = []
+        return self._program(target, knots), None if knots == 1 else self._program(target, 1)
+
+    def _program(self, target, knots):
         plant, problem, ik = self.plant, self.problem, self.ik
         free = 1 if knots == 1 else knots - 1
         program, n = self.program(), plant.num_positions()
         q = program.NewContinuousVariables(free, n)
-        self.contexts = []
         low, high = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         limited = [row for row in range(n) if row in set(self.rows)]
         for k in range(free):
@@ -90,9 +93,26 @@ class Drake:
         return program, q
 
     def solve(self, prepared):
-        program, q = prepared
+        (program, q), last = prepared
         result = self.solver.Solve(program)
+        if not result.is_success() and last is not None:  # the second start that ours has as well
+            share = np.linspace(0.0, 1.0, len(q) + 1)[1:, None]
+            guess = (1.0 - share) * self.home + share * self._end(*last)
+            again = self.solver.Solve(program, guess.ravel())
+            result = again if again.is_success() else result
         return [self._answer(row) for row in result.GetSolution(q)]
+
+    def _end(self, program, q):
+        """A configuration at the goal, from the nominal one or from two others drawn about it."""
+        generator = np.random.default_rng(1)
+        low, high = self.plant.GetPositionLowerLimits(), self.plant.GetPositionUpperLimits()
+        for share in (0.0, 0.25, 0.5):
+            guess = self.home.copy()
+            guess[self.rows] += share * (generator.uniform(low[self.rows], high[self.rows]) - guess[self.rows])
+            result = self.solver.Solve(program, guess)
+            if result.is_success():
+                break
+        return result.GetSolution(q)[0]
 
     def _answer(self, q):
         context = self.plant.CreateDefaultContext()

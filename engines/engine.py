@@ -282,7 +282,7 @@ class Engine:
     def _make_plan(self, call: m.MakePlan) -> Future[m.PlanPreview]:
         def plan(task: Task) -> m.PlanPreview:
             return make_plan(
-                self._services, call.instance, call.trajectory, call.arm, arc=call.arc, after=call.after,
+                self._services, call.instance, call.trajectory, call.arm, arc=call.arc, after=call.after, seen=call.seen,
                 cancelled=task.cancelled.is_set, progress=task.progress,
             )[1]  # fmt: skip
 

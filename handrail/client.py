@@ -259,12 +259,13 @@ class Client:
 
     def plan(
         self, instance: str, trajectory: str, arm: str = "right", *, arc: float | None = None, after: str = "",
-        timeout_s: float | None = None,
+        seen: bool = False, timeout_s: float | None = None,
     ) -> PlanPreview:  # fmt: skip
         """Plan a template's trajectory from where the robot is now, or from where a plan ends. Refused, with the reason, when
         infeasible.
         """
-        return self.call(MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, after=after), timeout_s)
+        call = MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, after=after, seen=seen)
+        return self.call(call, timeout_s)
 
     def cancel_planning(self) -> None:
         """End all planning that calls are waiting for; `events(PlanProgress)` tells what is being done."""

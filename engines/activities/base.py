@@ -22,6 +22,7 @@ from handrail.messages import Along, Base, Goal, KeyFrame, PlanMotion, PointClou
 from handrail.robot.description import RobotDescription
 
 if TYPE_CHECKING:
+    from engines.planning.collision.obstacles import Obstacle
     from engines.planning.collision.seen import Seen
     from engines.planning.plan import Plan
     from engines.planning.strokes.behaviour import Choice
@@ -114,6 +115,7 @@ class Planner(Protocol):
         arc: float | None = None,
         entry_shift: float = 0.0,
         others: Sequence[Instance] = (),
+        seen: Sequence[Obstacle] = (),
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...

@@ -38,6 +38,7 @@ def make_plan(
     arc: float | None = None,
     entry_shift: float = 0.0,
     after: str = "",
+    seen: bool = False,
     run: str = "",
     cancelled: _Asked | None = None,
     progress: _Told | None = None,
@@ -49,6 +50,7 @@ def make_plan(
     :param entry_shift: rad, how much later than the earliest clear angle to enter
     :param run: id of the run that wants it
     :param after: id of the plan from whose end; empty: from where the robot is commanded
+    :param seen: whether to keep clear of what cameras see as well
     :raises ActivityFailed: `infeasible` with the constraint that failed and by how much, `refused` for names that are not there,
         `unknown_state` before the daemon was heard
     """
@@ -66,6 +68,7 @@ def make_plan(
     world, others = start_of(services, after), _others(services, instance)
     who = f"the {arm} arm" if arm else "any arm"
     with _telling(f"no plan for {trajectory} at {instance} with {who}", f"can't plan {trajectory} at {instance}"):
+        strange = _seen(services, [placed, *others]) if seen else None
         tries: list[tuple[str, float | None]] = [(arm, arc)]
         if not arm:
             choices = services.planner.rank(
@@ -81,6 +84,7 @@ def make_plan(
                 arc=arc,
                 entry_shift=entry_shift,
                 others=others,
+                seen=strange.obstacles if strange else (),
                 cancelled=cancelled,
                 progress=progress,
             ),
@@ -89,6 +93,7 @@ def make_plan(
     arm = plan.arm
     asked: dict[str, float | str] = {"instance": instance, "trajectory": trajectory, "arm": arm}
     asked |= {"entry_shift": entry_shift} | ({} if arc is None else {"arc": arc}) | ({"after": after} if after else {})
+    asked |= {"seen": strange.words} if strange else {}
     origin = Origin(world, services.description.joints, (placed, *others), asked, run)
     return _kept(services, PlanRecord(plan, origin, placed, known[trajectory], after=after))
 

@@ -163,6 +163,8 @@ class MakePlan(Message):
     """rad, place around the template's joint of the arc's centre (a Choice's); none: the planner's choice"""
     after: str = ""
     """id of a plan: from where it ends; empty: from where the robot is commanded now"""
+    seen: bool = False
+    """whether to keep clear of what cameras see as well, as PlanMotion does; the tool only until it may touch the instance"""
 
 
 @travels(priority=1, remote=True)

@@ -72,12 +72,13 @@ def make(
         str, typer.Option(help="Which arm; 'any': the first that can, in the order of `choices`.")
     ] = "right",
     arc: Annotated[float | None, typer.Option(help="rad around the joint, of `choices`; none: the planner's.")] = None,
+    seen: Annotated[bool, typer.Option("--seen", help="Keep clear of what cameras see, too.")] = False,
     connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Plan a template's trajectory from where the robot is now, and show it. Nothing moves."""
     with _robot(connect_to, keys) as robot:
-        plan = robot.plan(instance, trajectory, "" if arm == "any" else arm, arc=arc)
+        plan = robot.plan(instance, trajectory, "" if arm == "any" else arm, arc=arc, seen=seen)
         _show(robot.get_plan(plan.id, details=True))
 
 

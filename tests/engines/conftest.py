@@ -261,12 +261,13 @@ class FakePlanner:
         arc=None,
         entry_shift=0.0,
         others=(),
+        seen=(),
         cancelled=None,
         progress=None,
     ) -> Plan:
         self.asked.append(
             {
-                "arm": arm, "arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance,
+                "seen": seen, "arm": arm, "arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance,
                 "others": [each.name for each in others],
             }
         )  # fmt: skip

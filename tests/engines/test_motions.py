@@ -203,7 +203,10 @@ def test_wrong_goals_are_refused_before_anything_runs(tmp_path, old, new, told):
 
 def test_what_cameras_see_is_kept_clear_of_where_that_is_asked_for_and_told(stack, runtime, daemon, wait_until):
     question = m.PlanMotion(goals=joints(angle=0.5), arm="right", seen=True)
-    assert "no camera sees anything" in stack.refusal(question).message
+    stack.place()
+    stroke = m.MakePlan(instance="wheel_1", trajectory="turn", seen=True)
+    for asked in (question, stroke):
+        assert "no camera sees anything" in stack.refusal(asked).message
     camera = Publisher(runtime.endpoint("sensors.events"))
     picture = cloud.pack("head", 0, np.zeros((7, 3)), None, (0.0, 0.0, 0.0))
 
@@ -212,6 +215,7 @@ def test_what_cameras_see_is_kept_clear_of_where_that_is_asked_for_and_told(stac
         return bool(stack.engine._services.clouds())
 
     wait_until(seen)
-    plan = stack.call(question)
+    plans = [stack.call(question), stack.call(stroke)]
     camera.close()
-    assert stack.call(m.GetPlan(id=plan.id, details=True)).origin.asked["seen"] == "head: 7 points, 0.0 s old"
+    for plan in plans:
+        assert stack.call(m.GetPlan(id=plan.id, details=True)).origin.asked["seen"] == "head: 7 points, 0.0 s old"

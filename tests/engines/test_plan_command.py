@@ -26,8 +26,8 @@ class LocalClient:
     def snapshot(self):
         return self._stack.call(m.GetEngine())
 
-    def plan(self, instance, trajectory, arm, arc=None):
-        return self._stack.call(m.MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc))
+    def plan(self, instance, trajectory, arm, arc=None, seen=False):
+        return self._stack.call(m.MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, seen=seen))
 
     def robot(self):
         return SimpleNamespace(joints=["angle", "depth", "other"])

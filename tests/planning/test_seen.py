@@ -19,6 +19,7 @@ from engines.planning.ik.constraints import Clearance, Position
 from engines.planning.ik.solver import Solver
 from engines.planning.plan import Infeasible
 from engines.planning.planners import Planners
+from engines.planning.timing.timing import Limits
 from engines.planning.verifier import Verifier
 from handrail import cloud
 from handrail.messages import FrameGoal, PlanMotion, Pose
@@ -154,3 +155,46 @@ def test_a_motion_keeps_clear_of_what_is_seen(ready, board, description):
     assert missed(planner.plan(heeding, home)) == set()
     with pytest.raises(Infeasible, match=r"what head saw 0\.4 s ago"):
         planner.plan(replace(question, seen=seen.obstacles), home)
+
+
+def ball(centre, radius):
+    """(n, 3) points about a place, 1 cm apart."""
+    steps = np.arange(-radius, radius + 1e-9, 0.01)
+    grid = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
+    return centre + grid[np.linalg.norm(grid, axis=1) <= radius]
+
+
+def test_a_stroke_leads_its_arm_around_what_is_seen_and_touches_what_stands_where_it_works(
+    eyes, ready, planner, nominal_wheel, description, kinematics, whole, mechanism
+):
+    home = description.home_position("ready")
+    blind = planner.plan(nominal_wheel, "turn", "right", home)
+    approach, engage = blind.segment("approach"), blind.segment("engage")
+
+    def tip(q):
+        return kinematics.frame(whole(blind, q[None])[0], "tool_right_tip").translation
+
+    on_the_way = tip(approach.positions[len(approach.times) // 2])
+    there = ball(on_the_way, 0.03)
+    where_it_works = ball(tip(engage.positions[-1]), 0.01)
+    seen = eyes.solids([picture(np.vstack([there, where_it_works]))], NOW, ready)
+    plan = planner.plan(nominal_wheel, "turn", "right", home, seen=seen.obstacles)
+    rows = description.index(plan.joints)
+    limits = Limits(planner.limits.velocity[rows], planner.limits.acceleration[rows])
+
+    def missed(plan, points):
+        world = World(
+            mechanism, eyes.solids([picture(points)], NOW, ready).obstacles, description.allowed_collision_pairs,
+            moving=plan.joints,
+        )  # fmt: skip
+        found = Verifier(world, margins=Margins(itself=-np.inf, objects=0.015)).violations(plan, limits, ready)
+        return {violation.segment for violation in found}
+
+    assert missed(blind, there) >= {"approach"}
+    assert missed(plan, there) == set()
+    touched = missed(plan, where_it_works)
+    assert touched and touched <= {"engage", "turn", "release", "withdraw"}, "the tool may, there"
+    wall = np.array([[0.35, y, z] for y in np.arange(-0.8, 0.1, 0.01) for z in np.arange(-0.3, 0.8, 0.01)])
+    hidden = eyes.solids([picture(wall)], NOW, ready)
+    with pytest.raises(Infeasible, match=r"what head saw 0\.4 s ago"):
+        planner.plan(nominal_wheel, "turn", "right", home, seen=hidden.obstacles)

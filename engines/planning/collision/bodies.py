@@ -53,14 +53,17 @@ class CollisionScene:
     """One arm among obstacles; all other joints stand still. Positions are (k, n) rad of all joints, in the description's order."""
 
     def __init__(
-        self, mechanism: Mechanism, description: RobotDescription, arm: Arm, obstacles: Sequence[Obstacle], touched: str
-    ):
-        """`touched`: the instance that the arm's tool may touch, where it may."""
+        self, mechanism: Mechanism, description: RobotDescription, arm: Arm, obstacles: Sequence[Obstacle], touched: str,
+        seen: Sequence[Obstacle] = (),
+    ):  # fmt: skip
+        """`touched`: the instance that the arm's tool may touch, where it may; `seen`: what has no name, and may be that."""
         self._mechanism = mechanism
         self._columns = description.index(mechanism.joints)
-        self.world = World(mechanism, obstacles, description.allowed_collision_pairs, moving=arm.joints)
+        self.world = World(mechanism, [*obstacles, *seen], description.allowed_collision_pairs, moving=arm.joints)
         self._sweep = Sweep(self.world)
-        self.touching = ((arm.tool, f"* of {touched}"),)
+        self.touching = tuple(
+            (arm.tool, name) for name in (f"* of {touched}", *sorted({solid.label for solid in seen}))
+        )
         """names, as the world's, of those who may touch where the tool may"""
         itself = self.world.of_itself
         tool = self.world.touching(*self.touching)

@@ -14,7 +14,7 @@ from engines import identifiers
 from engines.planning import constraints
 from engines.planning.collision.bodies import MARGINS, CollisionScene
 from engines.planning.collision.margins import Margins
-from engines.planning.collision.obstacles import obstacles_of
+from engines.planning.collision.obstacles import Obstacle, obstacles_of
 from engines.planning.ik.constraints import Constraint, Direction, Position
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, times_of
@@ -69,6 +69,7 @@ class ManipulationPlanner:
         arc: float | None = None,
         entry_shift: float = 0.0,
         others: Sequence[Instance] = (),
+        seen: Sequence[Obstacle] = (),
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan:
@@ -78,6 +79,7 @@ class ManipulationPlanner:
         :param arc: None: choose the arc's centre and the posture branch; rad: keep this centre, and the branch near `position`
         :param entry_shift: rad, how much later on the arc to enter than would be the earliest
         :param others: what else stands around; nothing may touch it
+        :param seen: what cameras see; nothing may touch it, but the tool from where on it may touch the instance
         :param cancelled: asked often; Cancelled is raised soon after it says True
         :param progress: told in a few words what is being done
         :raises Infeasible: there is no plan; names the constraint and by how much it is missed
@@ -89,7 +91,7 @@ class ManipulationPlanner:
             visit = Visit(instance, trajectory)
             others = [other for other in others if other.name != instance.name]
             around = [solid for one in (instance, *others) for solid in obstacles_of(one)]
-            scene = CollisionScene(self._mechanism, self._description, side, around, instance.name)
+            scene = CollisionScene(self._mechanism, self._description, side, around, instance.name, seen)
             assessor = Assessor(self._kinematics, side, scene, position)
             stroke = Stroke(
                 visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or never, progress or quiet

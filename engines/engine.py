@@ -305,7 +305,7 @@ class Engine:
         def plan(task: Task) -> m.PlanPreview:
             return make_edit(self._services, call, cancelled=task.cancelled.is_set, progress=task.progress)[1]
 
-        return self._desk.work(f"edit of {call.id}", plan)
+        return self._desk.work(f"edit of {call.id}", plan, supersedes=call.id)
 
     def _execute_plan(self, call: m.ExecutePlan) -> None:
         self._idle()

@@ -175,6 +175,7 @@ class AsyncClient:
     rank_choices = _awaited(Client.rank_choices)
     plan_motion = _awaited(Client.plan_motion)
     edit_plan = _awaited(Client.edit_plan)
+    undo_edit = _awaited(Client.undo_edit)
     get_plan = _awaited(Client.get_plan)
     execute_plan = _awaited(Client.execute_plan)
     jog = _awaited(Client.jog)

@@ -288,8 +288,22 @@ class Client:
     def edit_plan(
         self, plan: str, goals: Sequence[Goal], *, time: float = 0.0, frame: int = -1, timeout_s: float | None = None
     ) -> PlanPreview:
-        """Plan a motion anew with a key frame more, `time` s into it, or with key frame `frame` changed; see EditPlan."""
+        """Plan a motion anew with a key frame more, `time` s into it, or with key frame `frame` changed; see EditPlan.
+
+        A newer edit of the same plan, as a drag makes many, supersedes one that is still being planned, which is refused as such.
+        """
         return self.call(EditPlan(id=plan, goals=list(goals), time=time, frame=frame), timeout_s)
+
+    def undo_edit(self, plan: str) -> PlanPreview:
+        """The plan that this one is an edit of, as fresh or stale as it is now. Refused when it is not kept any more.
+
+        Raises ValueError for a plan that is no edit.
+        """
+        origin = self.get_plan(plan, details=True).origin
+        before = origin.asked.get("edits") if origin is not None else None
+        if not before:
+            raise ValueError(f"plan: got {plan}, which is no edit; expected a plan that edit_plan made")
+        return self.get_plan(str(before))
 
     def get_plan(self, plan: str, *, details: bool = False) -> PlanPreview:
         """A plan by its id, and whether it is still fresh; `details`: also what it was made from and keeps along its way."""

@@ -23,6 +23,8 @@ class Task:
     cancelled: threading.Event
     progress: Callable[[str], None]
     """told in a few words what is being done"""
+    superseded: threading.Event
+    """a newer one has taken its place"""
 
 
 class PlanningDesk:
@@ -31,20 +33,31 @@ class PlanningDesk:
     def __init__(self, tell: Callable[[msgspec.Struct], None]):
         self._tell, self._lock = tell, threading.Lock()
         self._tasks: set[threading.Event] = set()
+        self._newest: dict[str, Task] = {}
 
-    def work(self, what: str, work: Callable[[Task], Any]) -> Future[Any]:
-        """Do it in a thread. What it raises as ActivityFailed refuses the call."""
+    def work(self, what: str, work: Callable[[Task], Any], *, supersedes: str = "") -> Future[Any]:
+        """Do it in a thread. What it raises as ActivityFailed refuses the call.
+
+        `supersedes`: whatever is still being worked on under the same word ends, and its call is refused as superseded.
+        """
         future: Future[Any] = Future()
         cancelled = threading.Event()
-        task = Task(cancelled, lambda doing: self._tell(PlanProgress(what=what, doing=doing)))
+        task = Task(cancelled, lambda doing: self._tell(PlanProgress(what=what, doing=doing)), threading.Event())
         with self._lock:
             self._tasks.add(cancelled)
+            older = self._newest.get(supersedes)
+            if older is not None:
+                older.superseded.set()
+                older.cancelled.set()
+            if supersedes:
+                self._newest[supersedes] = task
 
         def run() -> None:
             try:
                 future.set_result(work(task))
             except ActivityFailed as failed:
-                future.set_exception(refuse(str(failed)))
+                why = f"{what}: superseded by a newer one" if task.superseded.is_set() else str(failed)
+                future.set_exception(refuse(why))
             except BaseException as problem:
                 future.set_exception(problem)
                 if not isinstance(problem, RefusedError):
@@ -52,6 +65,8 @@ class PlanningDesk:
             finally:
                 with self._lock:
                     self._tasks.discard(cancelled)
+                    if self._newest.get(supersedes) is task:
+                        del self._newest[supersedes]
                 self._tell(PlanProgress(what=what, doing="", done=True))
 
         threading.Thread(target=run, name=what, daemon=True).start()

@@ -14,7 +14,7 @@ import numpy as np
 from affordance_templates.instance import Instance
 from engines.activities.base import ActivityFailed, Services
 from engines.planning.plan import Infeasible, Plan
-from engines.planning.waiting import Cancelled
+from engines.planning.waiting import Cancelled, go_on, never
 from engines.plans.freshness import Origin, World
 from engines.plans.store import PlanRecord
 from handrail.messages import Choice, Choices, EditPlan, KeyFrame, PlanMotion, PlanPreview, RankChoices
@@ -157,6 +157,7 @@ def make_motion(
     call: PlanMotion,
     *,
     edits: str = "",
+    key_frame: str = "",
     run: str = "",
     seeds: Sequence[np.ndarray] = (),
     cancelled: _Asked | None = None,
@@ -165,6 +166,7 @@ def make_motion(
     """Plan a motion to goals among all instances, keep and show it. Raises ActivityFailed as `make_plan` does.
 
     :param edits: id of the plan that it is another version of
+    :param key_frame: which of that one's it edits: of the edits of one the newest is kept
     :param seeds: (n,) rad each, postures to look for the goals from first
     """
     world, instances = start_of(services, call.after), services.affordances.instances()
@@ -180,12 +182,13 @@ def make_motion(
             cancelled=cancelled,
             progress=progress,
         )
+        go_on(cancelled or never)  # nobody wants it any more: it is not shown
     used = tuple(each for each in instances if each.name in plan.made_from)
     asked: dict[str, float | str] = {"goals": plan.label, "arm": call.arm, "clearance": call.clearance}
     asked |= ({"after": call.after} if call.after else {}) | ({"edits": edits} if edits else {})
     asked |= {"seen": seen.words} if seen else {}
     origin = Origin(world, services.description.joints, used, asked, run)
-    return _kept(services, PlanRecord(plan, origin, asked=call, after=call.after))
+    return _kept(services, PlanRecord(plan, origin, asked=call, after=call.after, edits=edits, key_frame=key_frame))
 
 
 def _seen(services: Services, instances: Sequence[Instance]) -> Seen:
@@ -217,23 +220,17 @@ def make_edit(
         raise ActivityFailed("refused", f"{call.id} ({record.plan.label}) goes with a joint, and has no key frames")
     if call.frame > len(frames):
         raise ActivityFailed("refused", f"frame: got {call.frame}; expected at most {len(frames)}, which is the end")
-    if call.frame == len(frames):
-        return make_motion(
-            services,
-            msgspec.structs.replace(before, goals=call.goals),
-            edits=call.id,
-            cancelled=cancelled,
-            progress=progress,
-        )
-    if call.frame >= 0:
-        frames[call.frame] = KeyFrame(goals=call.goals)
-    else:
+    changed = msgspec.structs.replace(before, goals=call.goals)
+    if call.frame < 0:
         if not call.time <= record.plan.duration:
             raise ActivityFailed("refused", f"time: got {call.time:g}; expected at most {record.plan.duration:.3f} s")
         frames.insert(bisect.bisect(record.plan.key_times, call.time), KeyFrame(goals=call.goals))
-    return make_motion(
-        services, msgspec.structs.replace(before, through=frames), edits=call.id, cancelled=cancelled, progress=progress
-    )
+        changed = msgspec.structs.replace(before, through=frames)
+    elif call.frame < len(frames):
+        frames[call.frame] = KeyFrame(goals=call.goals)
+        changed = msgspec.structs.replace(before, through=frames)
+    key_frame = f"frame {call.frame}" if call.frame >= 0 else f"{call.time:.3f} s"
+    return make_motion(services, changed, edits=call.id, key_frame=key_frame, cancelled=cancelled, progress=progress)
 
 
 def start_of(services: Services, after: str) -> World:

@@ -37,6 +37,10 @@ class PlanRecord:
     """of a motion to goals"""
     after: str = ""
     """id of the plan from whose end it was planned; empty: from where the robot was"""
+    edits: str = ""
+    """id of the plan that it is another version of"""
+    key_frame: str = ""
+    """which key frame of that one it edits"""
     reached: int = -1
     """index of the segment that was started last, -1: none"""
     ended: ActionEvent | None = None
@@ -67,8 +71,23 @@ class PlanStore:
         self._records: OrderedDict[str, PlanRecord] = OrderedDict()
 
     def add(self, record: PlanRecord) -> PlanPreview:
-        """Keep a new plan and show it."""
+        """Keep a new plan and show it.
+
+        A drag makes many edits of one key frame: the newest takes the others' place, but for one that was executed or planned on
+        from, and the plan that is edited is kept like a new one.
+        """
         with self._lock:
+            if record.edits in self._records:
+                self._records.move_to_end(record.edits)
+                used = {id for each in self._records.values() for id in (each.edits, each.after)}
+                same = [
+                    id
+                    for id, each in self._records.items()
+                    if (each.edits, each.key_frame) == (record.edits, record.key_frame)
+                ]
+                for id in same:
+                    if id not in used and self._records[id].reached < 0 and not self._records[id].executing:
+                        del self._records[id]
             self._records[record.plan.id] = record
             while len(self._records) > _KEPT:
                 self._records.popitem(last=False)

@@ -259,7 +259,8 @@ class EditPlan(Message):
     """Plan a motion anew, with what an operator dragged its ghost to as one key frame more, or in place of one that it has.
 
     The new plan keeps the edit, and so do plans that are edits of it. It begins where the robot is now, or where the plan before it
-    ends. Refused for a stroke at a template, which has no key frames.
+    ends. Refused for a stroke at a template, which has no key frames; and as superseded where a newer edit of the same plan comes
+    while this one is being planned. Of edits of the same key frame of the same plan the newest is kept.
     """
 
     id: Name

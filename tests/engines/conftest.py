@@ -449,6 +449,26 @@ class Stack:
         self.caller.close()
 
 
+class Elsewhere:
+    """Another caller, who waits in a thread of his own."""
+
+    def __init__(self, stack, message):
+        self._caller, self.answer, self.refusal = Caller(stack.runtime.endpoint("engine.call")), None, None
+        self._thread = threading.Thread(target=self._ask, args=(message,), daemon=True)
+        self._thread.start()
+
+    def _ask(self, message) -> None:
+        try:
+            self.answer = self._caller.call(message, 30.0)
+        except RefusedError as refused:
+            self.refusal = str(refused)
+
+    def end(self) -> None:
+        self._thread.join(30.0)
+        assert not self._thread.is_alive()
+        self._caller.close()
+
+
 def until(condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
     """Wait for something that no event tells of."""
     deadline = time.monotonic() + timeout_s
@@ -501,3 +521,9 @@ def second(stack: Stack, runtime: Runtime) -> Iterator[Stack]:
 @pytest.fixture
 def stack(start: Callable[[], Stack]) -> Stack:
     return start()
+
+
+@pytest.fixture
+def elsewhere(stack) -> Callable[[Any], Elsewhere]:
+    """message → another caller, who waits for the answer."""
+    return lambda message: Elsewhere(stack, message)

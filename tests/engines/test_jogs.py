@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from contextlib import contextmanager
 
 import pytest
@@ -12,28 +11,8 @@ from typer.testing import CliRunner
 
 from handrail import jog
 from handrail import messages as m
-from handrail.topics import Caller, RefusedError
+from handrail.topics import RefusedError
 from tests.engines.conftest import until
-
-
-class _Elsewhere:
-    """Another caller, who waits in a thread of his own."""
-
-    def __init__(self, stack, message):
-        self._caller, self.answer, self.refusal = Caller(stack.runtime.endpoint("engine.call")), None, None
-        self._thread = threading.Thread(target=self._ask, args=(message,), daemon=True)
-        self._thread.start()
-
-    def _ask(self, message) -> None:
-        try:
-            self.answer = self._caller.call(message, 30.0)
-        except RefusedError as refused:
-            self.refusal = str(refused)
-
-    def end(self) -> None:
-        self._thread.join(30.0)
-        assert not self._thread.is_alive()
-        self._caller.close()
 
 
 def _targets(daemon) -> list[list[float]]:
@@ -48,11 +27,11 @@ def test_joints_go_by_so_much_and_to_a_place_and_the_answer_comes_when_they_are_
     assert not daemon.leases.held(), "the next one may have the joints"
 
 
-def test_a_newer_jog_takes_over_on_the_way_and_the_older_caller_is_told(stack, daemon):
+def test_a_newer_jog_takes_over_on_the_way_and_the_older_caller_is_told(stack, daemon, elsewhere):
     daemon.slow = True
-    older = _Elsewhere(stack, m.Jog(joints={"depth": 0.1}, by=True))
+    older = elsewhere(m.Jog(joints={"depth": 0.1}, by=True))
     until(lambda: daemon.action is not None and bool(stack.engine._services.daemon.running_action()))
-    newer = _Elsewhere(stack, m.Jog(joints={"depth": 0.1}, by=True))
+    newer = elsewhere(m.Jog(joints={"depth": 0.1}, by=True))
     older.end()
     assert "superseded" in older.refusal
     daemon.finish()
@@ -82,9 +61,9 @@ def test_what_stopped_it_is_what_the_caller_is_told(stack, daemon):
     stack.call(m.Jog(joints={"depth": 0.1}))
 
 
-def test_a_stop_ends_it_and_leases_of_others_keep_it_away(stack, daemon):
+def test_a_stop_ends_it_and_leases_of_others_keep_it_away(stack, daemon, elsewhere):
     daemon.slow = True
-    waiting = _Elsewhere(stack, m.Jog(joints={"depth": 0.1}))
+    waiting = elsewhere(m.Jog(joints={"depth": 0.1}))
     until(lambda: daemon.action is not None and bool(stack.engine._services.daemon.running_action()))
     assert "busy" in stack.refusal(m.Jog(joints={"other": 0.1})).message
     stack.call(m.StopRun())

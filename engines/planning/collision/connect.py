@@ -35,8 +35,9 @@ _SPARE = 2e-3
 """m of clearance more than is asked for: what is done to the way afterwards (a spline through its rows) needs some"""
 _CORNER = 0.35
 """of its shorter edge that a corner is rounded from, at most"""
-_IDLE, _GAIN = 15, 0.01
-"""shortcuts in a row that gain less than that share of the way before shortening ends"""
+_IDLE, _GAIN = 8, 0.03
+"""shortcuts in a row that fail, or would gain less than that share of the way, before shortening ends: to certify one takes longer
+than such a gain is worth"""
 _TELL_EVERY = 100
 
 
@@ -188,8 +189,8 @@ class Connector:
     # ----------------------------------------------------------------------------------------------------------- finishing
 
     def _shortened(self, corners: list[Array], most: int, end: float, generator: np.random.Generator) -> list[Array]:
-        """Without the detours that straight lines between two places of the way replace."""
-        idle = 0
+        """Without the detours that straight lines between two places of the way replace: first between corners, then anywhere."""
+        corners, idle = self._skipped(corners), 0
         for _ in range(most):
             if len(corners) < 3 or idle > _IDLE or time.monotonic() > end:
                 break
@@ -206,10 +207,21 @@ class Connector:
                 for k, s in ((i, first), (j, last))
             )
             gain = 1.0 - (float(np.linalg.norm(b - a)) + along[-1] - (last - first)) / along[-1]
-            if gain > 1e-6 and self._meeting(np.array([a, b]), roomy=True) is None:
-                idle = 0 if gain > _GAIN else idle
+            if gain > _GAIN and self._meeting(np.array([a, b]), roomy=True) is None:
+                idle = 0
                 corners = [*corners[: i + 1], a, b, *corners[j + 1 :]]
         return _straightened(corners)
+
+    def _skipped(self, corners: list[Array]) -> list[Array]:
+        """From each corner on to the furthest that is found in a straight line, of those after it by halves."""
+        kept, here, last = [corners[0]], 0, len(corners) - 1
+        while here < last:
+            there = last
+            while there > here + 1 and self._meeting(np.array([corners[here], corners[there]]), roomy=True) is not None:
+                there = here + 1 + (there - here - 1) // 2
+            kept.append(corners[there])
+            here = there
+        return kept
 
     def _rounded(self, corners: list[Array]) -> Array:
         """The way with each corner replaced by a parabola that is clear, as wide as may be."""

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
@@ -30,6 +30,7 @@ from handrail import client
 from handrail.client import Client
 from handrail.link.events import Events
 from handrail.link.keys import ClientKeys
+from handrail.link.selections import Selection
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -151,6 +152,24 @@ class AsyncClient:
 
         async def opening() -> AsyncEvents:
             return AsyncEvents(await self._elsewhere(functools.partial(self.sync.events, *kinds, timeout_s=timeout_s)))
+
+        return Opening(opening(), AsyncEvents.close)
+
+    def subscribe(
+        self,
+        *chosen: Selection | type,
+        rate: float = 0.0,
+        fields: Sequence[str] = (),
+        where: Mapping[str, str | Sequence[str]] | None = None,
+        timeout_s: float = 5.0,
+    ) -> Opening[AsyncEvents]:
+        """A stream of some events, as `Client.subscribe` has it: `async with robot.subscribe(LogLine, rate=1) as lines`."""
+
+        async def opening() -> AsyncEvents:
+            choose = functools.partial(
+                self.sync.subscribe, *chosen, rate=rate, fields=fields, where=where, timeout_s=timeout_s
+            )
+            return AsyncEvents(await self._elsewhere(choose))
 
         return Opening(opening(), AsyncEvents.close)
 

@@ -39,6 +39,7 @@ _VERBS = {
     "program": "Check or run a program of the library.",
     "deploy": "Bring a program, with all that it needs, to an engine of the robot that is up.",
     "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
+    "watch": "Events of the robot that is up: which, which of their fields, how often.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
     "template": "Affordance templates: list, check, show, render them.",
     "node": "Process nodes: list them, show one's ports, try its cases, run it, without an engine.",

@@ -32,6 +32,7 @@ from handrail.bundles.manifest import Bundle
 from handrail.bundles.sending import Progress, Sender
 from handrail.link import keys as link_keys
 from handrail.link.events import Events, Live
+from handrail.link.selections import Part, Selection
 from handrail.link.session import Session
 from handrail.messages import (
     AnswerPrompt,
@@ -96,7 +97,7 @@ from handrail.messages import (
 )
 from handrail.topics import RefusedError, Unreachable
 
-__all__ = ["Client", "Events", "Live", "RefusedError", "Unreachable", "connect"]
+__all__ = ["Client", "Events", "Live", "Part", "RefusedError", "Selection", "Unreachable", "connect"]
 
 logger = logging.getLogger("handrail.client")
 
@@ -438,6 +439,29 @@ class Client:
         `timeout_s` (0: at once) without: then it begins, with `Live`, as soon as the gate is there.
         """
         events = self._session.listen(kinds)
+        if timeout_s > 0:
+            events.wait_live(timeout_s)
+        return events
+
+    def subscribe(
+        self,
+        *chosen: Selection | type,
+        rate: float = 0.0,
+        fields: Sequence[str] = (),
+        where: Mapping[str, str | Sequence[str]] | None = None,
+        timeout_s: float = 5.0,
+    ) -> Events:
+        """A stream of some events: which, which of their fields, and at most how often; the gate sends no others.
+
+        `rate` Hz, `fields` and `where` (field → a pattern or several, `*` stands for anything) count for the types that are given
+        without a Selection of their own: `subscribe(RobotState, rate=2, fields=["time_ns", "position"])`,
+        `subscribe(LogLine, where={"level": ["warning", "error"]})`. With `fields`, a `Part` with these values comes. Of events that
+        come more often than chosen the newest goes. Raises ValueError for a type or field that there is not.
+        """
+        patterns = {name: (one,) if isinstance(one, str) else tuple(one) for name, one in (where or {}).items()}
+        events = self._session.select(
+            [each if isinstance(each, Selection) else Selection(each, rate, tuple(fields), patterns) for each in chosen]
+        )
         if timeout_s > 0:
             events.wait_live(timeout_s)
         return events

@@ -15,6 +15,7 @@ import argparse
 import asyncio
 import contextlib
 import logging
+import math
 import signal
 import sys
 from pathlib import Path
@@ -28,8 +29,9 @@ from zmq.utils import z85
 
 from handrail.engines import FIRST, running
 from handrail.engines import of as engine_of
-from handrail.link import codec, keys
+from handrail.link import codec, keys, selections
 from handrail.link.backend import Backend, Gone
+from handrail.link.selections import Selections
 from handrail.link.streams import LatestValues
 from handrail.messages import EngineInfo, Engines, GetEngines, Ok, Refused, Stop, spec
 from handrail.runtime import Runtime
@@ -103,6 +105,8 @@ class Gate:
         self._packer = codec.Packer()
         self._encoder = msgspec.msgpack.Encoder()
         self._latest = LatestValues(_DAEMON_SILENT_S)
+        self._selections = Selections()
+        self._held_back = asyncio.Event()
         self._subscribed: set[bytes] = set()
         """beginnings of the types' names that somebody wants to hear"""
         self._in_flight: dict[bytes, int] = {}
@@ -140,6 +144,7 @@ class Gate:
                 asyncio.create_task(self._take_subscriptions()),
                 asyncio.create_task(self._send_latest()),
                 asyncio.create_task(self._watch_engines()),
+                asyncio.create_task(self._send_held_back()),
             ]
             if ready:
                 ready.set()
@@ -319,9 +324,44 @@ class Gate:
             await self._publish(name, encoded)
 
     async def _publish(self, name: bytes, encoded: bytes) -> None:
-        if not any(name.startswith(topic) for topic in self._subscribed):
-            return  # packing costs more than sending
-        await self._events_out.send_multipart((name, self._packer.pack_encoded(encoded)))
+        if any(name.startswith(topic) for topic in self._subscribed):  # packing costs more than sending
+            await self._events_out.send_multipart((name, self._packer.pack_encoded(encoded)))
+        await self._select(name, encoded)
+
+    async def _select(self, name: bytes, encoded: bytes) -> None:
+        """To those who have chosen some of this type of events."""
+        try:
+            chosen = list(self._selections.take(name, encoded, asyncio.get_running_loop().time()))
+        except msgspec.DecodeError as problem:
+            _log.error("an event that is no %s came from inside: %s", name.decode(), problem)
+            return
+        for topic, data in chosen:
+            await self._events_out.send_multipart((topic, self._packer.pack_encoded(data)))
+        if self._selections.next_due_s < math.inf:
+            self._held_back.set()
+
+    async def _send_held_back(self) -> None:
+        """What was chosen to come less often, when its time is there."""
+        clock = asyncio.get_running_loop().time
+        while True:
+            await self._held_back.wait()
+            wait_s = self._selections.next_due_s - clock()
+            if wait_s == math.inf:
+                self._held_back.clear()
+                continue
+            await asyncio.sleep(max(0.0, min(wait_s, _LOOK_S)))
+            for topic, data in self._selections.due(clock()):
+                await self._events_out.send_multipart((topic, self._packer.pack_encoded(data)))
+
+    async def _take_selection(self, topic: bytes) -> None:
+        try:
+            chosen = self._selections.add(topic)
+        except (ValueError, UnicodeDecodeError) as problem:
+            _log.warning("a selection that can't be: %s", problem)
+            return
+        name = chosen.kind.__name__.encode()
+        for encoded in self._latest.last(name, asyncio.get_running_loop().time()):
+            await self._select(name, encoded)
 
     async def _take_subscriptions(self) -> None:
         clock = asyncio.get_running_loop().time
@@ -330,6 +370,10 @@ class Gate:
             topic = message[1:]
             if message[:1] != b"\x01":
                 self._subscribed.discard(topic)  # told of the last one's only
+                self._selections.remove(topic)
+                continue
+            if topic.startswith(selections.MARK.encode()):
+                await self._take_selection(topic)
                 continue
             self._subscribed.add(topic)
             if topic.startswith(codec.SYNC):

@@ -9,7 +9,7 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +21,7 @@ from zmq.utils.monitor import recv_monitor_message
 from handrail.link import codec
 from handrail.link.events import Events, Live
 from handrail.link.keys import ClientKeys
+from handrail.link.selections import Part, Selection
 from handrail.messages import Refused, spec
 from handrail.topics import RefusedError, Unreachable
 
@@ -79,6 +80,10 @@ class Session:
         self._unsent: deque[_Call] = deque()
         self._sent: dict[bytes, _Call] = {}
         self._streams: dict[bytes, Events] = {}
+        self._choosing: dict[bytes, Events] = {}
+        """token → a stream of what was chosen"""
+        self._selected: dict[bytes, tuple[codec.Unpacker, list[Events]]] = {}
+        """topic → how it is read, and by whom"""
         self._connected = threading.Event()
         self._rejected = False
         self._retry_at = float("inf")
@@ -151,6 +156,20 @@ class Session:
         events = Events(kinds, lambda closed: self._forget(token, closed))
         self._do(lambda: self._subscribe(token, events))
         return events
+
+    def select(self, chosen: Sequence[Selection]) -> Events:
+        """A stream of what was chosen: whole events, or `Part`s of them."""
+        token = codec.SYNC + secrets.token_hex(8).encode()
+        topics = [each.topic() for each in chosen]
+        events = Events(
+            (*(each.kind for each in chosen), Part), lambda closed: self._deselect_soon(token, topics, closed)
+        )
+        self._do(lambda: self._select(token, topics, chosen, events))
+        return events
+
+    def _deselect_soon(self, token: bytes, topics: list[bytes], events: Events) -> None:
+        with contextlib.suppress(Unreachable):
+            self._do(lambda: self._deselect(token, topics, events))
 
     def _forget(self, token: bytes, events: Events) -> None:
         with contextlib.suppress(Unreachable):  # a closed session has forgotten it
@@ -278,8 +297,11 @@ class Session:
     def _take_events(self) -> None:
         for name, payload in _received(self._events, 2):
             self.received_bytes += len(name) + len(payload)
-            if name in self._streams:
-                self._streams[name]._went_live()
+            if (events := self._streams.get(name) or self._choosing.get(name)) is not None:
+                events._went_live()
+                continue
+            if name in self._selected:
+                self._take_selected(name, payload)
                 continue
             unpacker = self._kinds.get(name.decode("ascii", "replace"))
             if unpacker is None:
@@ -293,6 +315,16 @@ class Session:
                 if type(event) in events.kinds:
                     events._put(event)
 
+    def _take_selected(self, topic: bytes, payload: bytes) -> None:
+        unpacker, listeners = self._selected[topic]
+        try:
+            event = unpacker.unpack(payload)
+        except codec.Malformed as problem:
+            _log.error("a selection that this version does not understand: %s: %s", topic.decode(), problem)
+            return
+        for events in listeners:
+            events._put(event)
+
     def _subscribe(self, token: bytes, events: Events) -> None:
         self._streams[token] = events
         for kind in events.kinds:
@@ -300,6 +332,25 @@ class Session:
                 self._events.subscribe(kind.__name__)
         # Subscriptions travel in order: when the gate echoes this one, those before it are in force.
         self._events.subscribe(token)
+
+    def _select(self, token: bytes, topics: list[bytes], chosen: Sequence[Selection], events: Events) -> None:
+        self._choosing[token] = events
+        for topic, each in zip(topics, chosen, strict=True):
+            kind = Part if each.fields else each.kind
+            _, listeners = self._selected.setdefault(topic, (codec.Unpacker(kind, codec.LARGEST_ANSWER), []))
+            listeners.append(events)
+            self._events.subscribe(topic)
+        self._events.subscribe(token)
+
+    def _deselect(self, token: bytes, topics: list[bytes], events: Events) -> None:
+        self._choosing.pop(token, None)
+        self._events.unsubscribe(token)
+        for topic in topics:
+            self._events.unsubscribe(topic)
+            _, listeners = self._selected[topic]
+            listeners.remove(events)
+            if not listeners:
+                del self._selected[topic]
 
     def _unsubscribe(self, token: bytes, events: Events) -> None:
         self._streams.pop(token, None)
@@ -325,7 +376,7 @@ class Session:
             self._commands.get()()
         for call in (*self._unsent, *self._sent.values()):
             call.answer.set_exception(Unreachable(f"{call.name}: this client was closed"))
-        for events in self._streams.values():
+        for events in (*self._streams.values(), *self._choosing.values()):
             events._end()
         self._calls.disable_monitor()
         with self._lock:

@@ -24,6 +24,7 @@ VERBS = [
     "program",
     "deploy",
     "deployments",
+    "watch",
     "plan",
     "node",
     "learn",

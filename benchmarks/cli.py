@@ -15,7 +15,7 @@ from rich.console import Console
 import benchmarks
 from benchmarks.rows import show
 
-_NOT_BENCHMARKS = {"cli", "rows", "sea_pictures", "wake_ups", "wbc_peers", "peers", "planning_peers"}
+_NOT_BENCHMARKS = {"cli", "rows", "sea_pictures", "wake_ups", "wbc_peers", "peers", "planning_peers", "engines_peer"}
 
 
 def names() -> list[str]:

@@ -1,6 +1,6 @@
 """The engine's side of the daemon: what the robot does now, calls from any thread, the sign of life.
 
-One thread listens to the daemon's events, one checks in; callers of `call` get a connection of their own per thread.
+One thread listens to the daemon's events, one checks in; each call has a connection to itself, and leaves it to the next one.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ class DaemonClient:
         self._clocks: list[Callable[[int], None]] = []
         self._last_heard = -float("inf")
         self._status: DaemonStatus | None = None
-        self._own = threading.local()
+        self._idle: queue.SimpleQueue[Caller] = queue.SimpleQueue()
+        """connections that nobody uses: an activity's thread lives shorter than it takes to make one worth while"""
         self._closing = threading.Event()
         self._threads = [
             threading.Thread(target=self._listen, name="daemon events", daemon=True),
@@ -95,9 +96,14 @@ class DaemonClient:
 
     def call(self, message: msgspec.Struct, timeout_s: float = 2.0) -> Any:
         """Call the daemon. Raises RefusedError, or Unreachable when it does not answer."""
-        if not hasattr(self._own, "caller"):
-            self._own.caller = Caller(self._runtime.endpoint("daemon.call"))
-        return self._own.caller.call(message, timeout_s)
+        try:
+            caller = self._idle.get_nowait()
+        except queue.Empty:
+            caller = Caller(self._runtime.endpoint("daemon.call"))
+        try:
+            return caller.call(message, timeout_s)
+        finally:
+            self._idle.put(caller)
 
     def hold_time(self, limit_s: float) -> None:
         """Lock-step: stop simulated time while the engine thinks, at most `limit_s` of wall time. A courtesy, never an error."""
@@ -164,6 +170,8 @@ class DaemonClient:
         self._closing.set()
         for thread in self._threads:
             thread.join(timeout=1.0)
+        while not self._idle.empty():
+            self._idle.get().close()
 
     # -------------------------------------------------------------------------------------------------------------- threads
 

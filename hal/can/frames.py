@@ -69,6 +69,20 @@ def words(records: npt.NDArray[np.void]) -> npt.NDArray[np.uint64]:
     return records.view(np.uint64)
 
 
+class WordViews:
+    """The words of arrays of records that come again and again: numpy asks Python whether a view of records is safe, 2 µs each."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[npt.NDArray[np.void], npt.NDArray[np.uint64]]] = {}
+
+    def of(self, records: npt.NDArray[np.void]) -> npt.NDArray[np.uint64]:
+        """As `words`. Of each length the array that came last is remembered, and kept."""
+        known = self._known.get(len(records))
+        if known is None or known[0] is not records:
+            known = self._known[len(records)] = records, words(records)
+        return known[1]
+
+
 def fd_length(n: int) -> int:
     """The shortest length of a CAN FD frame that carries n bytes. Raises ValueError above 64."""
     for length in FD_LENGTHS:

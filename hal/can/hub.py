@@ -28,7 +28,7 @@ from hal.can.alarm import Alarm
 from hal.can.careful_path import CarefulPath
 from hal.can.control import BusReport, NodeState
 from hal.can.faults import Fault
-from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK, WORDS
+from hal.can.frames import BYTES, MAX_CHANNELS, RECORD, TICK, WORDS, WordViews
 from hal.can.hub_control import answer
 from hal.can.hub_report import ChannelStatistics, Reporter
 from hal.can.members import Members
@@ -83,7 +83,7 @@ class Hub:
         self.dropped = 0
         """records dropped for slow listeners"""
         self._lockstep, self._awake = False, Awake()
-        self._ticks_owed = 0
+        self._ticks_owed, self._views = 0, WordViews()
         self._sent_by: list[Node] = []  # whose datagrams this poll has taken
         self._lay_paths()
         self._epoll = select.epoll()
@@ -172,7 +172,7 @@ class Hub:
         n, quick = len(records), self._quick
         if n > CAPACITY:
             raise ValueError(f"hub: {n} records at once; expected at most {CAPACITY}")
-        words = (records if records.flags.c_contiguous else np.ascontiguousarray(records)).view(np.uint64)
+        words = self._views.of(records if records.flags.c_contiguous else np.ascontiguousarray(records))
         if self._traffic.careful:
             quick.take_own(words, n, senders)
             ended = self._careful.turn(n, self._clock(), takes_in=False)

@@ -103,7 +103,7 @@ class HubPort:
         self._poll.register(self._socket, select.POLLIN)
         self._awake: Awake | None = None
         # Who sends or receives in every cycle does so with the same array again and again: its views are made once.
-        self._batch = self._received = self._records[:0]
+        self._batch, self._received = self._records[:0], {0: self._records[:0]}
         self._words = self._buffer[:0]
 
     def take_turns(self) -> None:
@@ -145,9 +145,9 @@ class HubPort:
             raise self._bus_lost(told)
         self.lost += lost
         self.ticks += ticks
-        if n != len(self._received):
-            self._received = self._records[:n]
-        return self._received
+        if (received := self._received.get(n)) is None:
+            received = self._received[n] = self._records[:n]
+        return received
 
     def _sleep(self, timeout_s: float) -> int:
         """Wait for a datagram; how many records it was, 0: none came."""

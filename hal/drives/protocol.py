@@ -142,8 +142,8 @@ class LimbProtocol:
         self._no_commands, self._no_states = DeviceCommand(d), DeviceState(d)
         self._unwatched, self.reply_count = DriveWatch(n), 0
         # Who hears or says something in every cycle does so with the same array again and again.
-        self._records = self._written = frames.empty(0)
-        self._words = self._written_words = self._records.view(np.uint64)
+        self._heard, self._written = frames.WordViews(), frames.empty(0)
+        self._written_words = frames.words(self._written)
         self._nobody, self._senders = np.zeros(n + d, np.bool_), np.zeros(n + d, np.int64)
         self._no_sequences = np.zeros(d, np.uint8)
         self.every = np.array([program.families[device.family].every for device in description.devices], np.int64)
@@ -261,10 +261,16 @@ class LimbProtocol:
         older: int,
     ) -> tuple[int, int]:
         """The same, of what has become `older` cycles older since; and see then how the drives fare, for `watch`."""
-        if records is not self._records:
-            self._records, self._words = records, records.view(np.uint64)
         good, refused, repeated, self.reply_count, watch.late, watch.lost, watch.silent, watch.heard_ns = hear(
-            self._words, n, self._code, state.memory, devices.memory, self._notes, watch.memory, self._sent, older
+            self._heard.of(records),
+            n,
+            self._code,
+            state.memory,
+            devices.memory,
+            self._notes,
+            watch.memory,
+            self._sent,
+            older,
         )
         self.repeated += repeated
         return good, refused

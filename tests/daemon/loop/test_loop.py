@@ -223,10 +223,10 @@ def test_an_action_may_begin_a_hold_of_time_in_the_cycle_that_ends_it(bench) -> 
 
 def test_a_hold_ends_by_itself_and_by_a_stop(bench) -> None:
     bench.enable()
+    began = time.monotonic()  # before it is asked for: a busy machine may take the rest of the hold in between
     assert bench.ask(Kind.HOLD_TIME, owner=3, value=0.05) is Answer.ACCEPTED
-    began = time.monotonic()
     bench.loop.wait_while_held()
-    assert time.monotonic() - began >= 0.04
+    assert time.monotonic() - began >= 0.05
     assert bench.ask(Kind.HOLD_TIME, owner=3, value=60.0) is Answer.ACCEPTED
     tell_stop_socket(bench, b"STOP")
     bench.loop.wait_while_held()

@@ -15,6 +15,7 @@ from daemon.state.estimator import BaseEstimator, can_estimate
 from daemon.state.invariant_filter import GRAVITY
 from daemon.state.observer import ExternalWrenches
 from daemon.state.stance import Stance
+from daemon.state.weight import Weight
 from daemon.wbc.memory import Memory
 from hal.device import DeviceState
 from hal.joint import JointCommand, JointState
@@ -84,7 +85,7 @@ class RobotState:
             self.base.source[0], self.base.trouble[0] = BaseSource.NONE, Trouble.NO_SENSORS
         self._model = kinematics.model
         self._measured, self._commanded = self._model.createData(), self._model.createData()
-        self._rows = kinematics.index_v
+        self._rows, self._weight = kinematics.index_v, Weight(self._model, kinematics.index_v)
         self._q, self._v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._last = JointCommand(len(joints))
@@ -101,7 +102,7 @@ class RobotState:
     def gravity(self) -> Array:
         """N·m (n,), at the measured position; the next cycle overwrites it."""
         if not self._gravity_fresh:
-            pin.computeGeneralizedGravity(self._model, self._measured, self._q).take(self._rows, out=self._gravity)
+            self._weight.carry(self._q, self._gravity)
             if self.stance is not None and self.base.source[0] == BaseSource.FEET:
                 self.stance.relieve(self._gravity)
             self._gravity_fresh = True

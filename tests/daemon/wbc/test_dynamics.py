@@ -9,13 +9,13 @@ import pytest
 from daemon.wbc.model import WholeBodyModel
 
 
-def branched() -> pin.Model:
-    """A free base with joints of every kind, in branches, geared motors among them."""
+def branched(*, free: bool = True) -> pin.Model:
+    """Joints of every kind in branches, geared motors among them; on a free base, or one that slides."""
     model, rng = pin.Model(), np.random.default_rng(3)
     model.gravity.linear = np.array([0.3, -0.2, -9.7])
     slant = np.array([1.0, 2.0, -2.0]) / 3.0
     kinds = [
-        (0, pin.JointModelFreeFlyer()),
+        (0, pin.JointModelFreeFlyer() if free else pin.JointModelPX()),
         (1, pin.JointModelPZ()),
         (2, pin.JointModelRevoluteUnaligned(slant)),
         (2, pin.JointModelPrismaticUnaligned(slant)),
@@ -25,7 +25,8 @@ def branched() -> pin.Model:
     for parent, kind in kinds:
         joint = model.addJoint(parent, kind, pin.SE3.Random(), f"joint{model.njoints}")
         model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
-    model.armature[6:] = rng.uniform(0.1, 1.0, model.nv - 6)
+    geared = model.nv - model.njoints + 2
+    model.armature[geared:] = rng.uniform(0.1, 1.0, model.nv - geared)
     return model
 
 

@@ -28,6 +28,7 @@ from engines.planning.ik.report import Measure as Report
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, limit_margins, torque_shares
 from engines.planning.motion import Motion
 from engines.planning.plan import Infeasible, Plan, Segment
+from engines.planning.sampling import sampled
 from engines.planning.timing.timing import TIP_SPEED, Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN
 from engines.planning.waiting import go_on
@@ -41,6 +42,8 @@ Integers = NDArray[np.int64]
 
 _POSTURES = 4
 """postures for a goal that are tried until one can be gone to"""
+_PLACES = 6
+"""places within a goal's tolerances, that are tried after those"""
 _STARTS = 12
 """configurations that the search for each begins from at most"""
 _BUDGET = Budget(seconds=10.0, edges=1500)
@@ -213,8 +216,13 @@ class MotionSearch:
         moving = self._motion.moving
         generator = np.random.default_rng(0)
         seeds = [self._planner.configuration("seed", seed) for seed in self._motion.seeds]
-        for number in range(_POSTURES + len(seeds)):
+        for number in range(_POSTURES + _PLACES + len(seeds)):
             go_on(self._cancelled)
+            if number >= _POSTURES + len(seeds):
+                places = sampled(goals, generator)
+                if not places:
+                    break
+                wanted = [*places, *self._always]
             start = seeds[number] if number < len(seeds) else None
             if number > len(seeds):
                 drawn = generator.uniform(np.maximum(self._lower, -np.pi), np.minimum(self._upper, np.pi))

@@ -17,12 +17,13 @@ from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import Obstacle
 from engines.planning.collision.sweep import Sweep
 from engines.planning.collision.world import World
-from engines.planning.ik.constraints import Clearance, Position
+from engines.planning.ik.constraints import Clearance, Direction, Orientation, Position
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from engines.planning.plan import Infeasible, Plan, Segment
 from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
+from handrail.messages import Pose
 from handrail.robot import description as robots
 from handrail.robot.srdf import disabled_pairs
 
@@ -158,3 +159,64 @@ def test_whatever_of_two_hundred_plans_comes_back_passes_the_independent_check(n
 
     drive()
     assert sum(found) > 0.5 * len(found)
+
+
+def unreachable(robot: Robot, generator: np.random.Generator) -> None:
+    """A place metres beyond the reach, along any direction: missed by at least what is between."""
+    far = generator.normal(size=3)
+    far *= generator.uniform(4.0, 20.0) / np.linalg.norm(far)
+    answer = robot.solver.solve([Position.at(robot.tool, far, name="goal")], robot.random(generator), starts=2)
+    worst = answer.violations[0]
+    assert (worst.constraint, worst.unit) == ("goal", "m")
+    off = np.array([m.by for m in answer.violations if m.constraint == "goal"])
+    assert np.linalg.norm(off) > np.linalg.norm(far) - 2.5
+    with pytest.raises(Infeasible, match=f"goal .*missed by {worst.by:.3g} m") as refused:
+        answer.require()
+    assert refused.value.by == worst.by
+
+
+def inside(robot: Robot, generator: np.random.Generator) -> None:
+    """A place within a box that is to be kept clear of: the box is named, and how deep it is in."""
+    size, turn = generator.uniform(0.1, 0.5, 3), pin.Quaternion(generator.normal(size=4)).normalized().matrix()
+    share = generator.uniform(-0.45, 0.45, 3)
+    box = Obstacle("crate", coal.Box(*size), pin.SE3(turn, generator.uniform(-0.6, 0.6, 3)))
+    world = World(robot.mechanism, [box], robot.allowed, moving=robot.joints)
+    goal = Position.at(robot.tool, box.placement.act(share * size), name="goal")
+    answer = robot.solver.solve([goal, Clearance(scene=world, at_least=0.01)], robot.random(generator), starts=1)
+    told = answer.violations[0]
+    assert (told.constraint, told.what) == ("goal", "goal from crate, inside of which it is")
+    assert -told.value == pytest.approx(((0.5 - np.abs(share)) * size).min(), abs=1e-4)
+
+
+def meaningless(robot: Robot, generator: np.random.Generator) -> None:
+    """Numbers that are not finite, directions without length, bounds the wrong way round: refused by field."""
+    number = float(generator.choice([np.nan, np.inf, -np.inf]))
+    place = generator.uniform(-0.5, 0.5, 3)
+    spoilt = place.copy()
+    spoilt[generator.integers(3)] = number
+    low, high, q = tuple(place + 0.1), tuple(place), robot.random(generator)
+    turned = tuple(generator.normal(size=4) * 3.0 + 4.0)
+    wrong = [
+        (lambda: Position.at(robot.tool, place, point=tuple(spoilt)), r"point: got .*(nan|inf)"),
+        (lambda: Position.at(robot.tool, place, box=Pose(position=tuple(spoilt))), r"box: got .*(nan|inf)"),
+        (lambda: Position(frame=robot.tool, lower=low, upper=high), "lower, upper: got"),
+        (lambda: Direction(frame=robot.tool, axis=(0.0, 0.0, 0.0), direction=(0.0, 0.0, 1.0)), "axis: got"),
+        (lambda: Orientation(frame=robot.tool, target=turned), "target: got .* unit quaternion"),
+        (lambda: robot.solver.solve([Position.at(robot.tool + "?", place)], q), "frame: got"),
+        (lambda: robot.solver.solve([Position.at(robot.tool, place)], q + number), "nominal: got .*finite"),
+        (lambda: robot.solver.solve([Position.at(robot.tool, place)], q[1:]), r"nominal: got shape"),
+    ]
+    make, words = wrong[generator.integers(len(wrong))]
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+@pytest.mark.parametrize("name", ["talos_upper", "panda", "ur5", "tiago_pro"])
+@pytest.mark.parametrize("trouble", [unreachable, inside, meaningless])
+def test_whatever_goal_can_not_be_met_is_told_why(name, trouble):
+    @settings(max_examples=8, **SETTINGS)
+    @given(seed=st.integers(0, 2**32 - 1))
+    def drive(seed):
+        trouble(robot_of(name), np.random.default_rng(seed))
+
+    drive()

@@ -166,7 +166,7 @@ class FakeDaemon:
             if self.action is None or self.action.id != call.id:
                 raise refuse("no such action", "id", call.id, "a running one")
             motion = msgspec.structs.replace(self.action.motion, positions=call.positions)
-            self.action = msgspec.structs.replace(self.action, motion=motion)
+            self.running[-1] = msgspec.structs.replace(self.action, motion=motion)
         elif isinstance(call, m.CancelAction | m.PauseAction | m.ResumeAction):
             meant = [action for action in self.running if action.id == call.id]
             if not meant:

@@ -30,7 +30,7 @@ def test_joints_go_by_so_much_and_to_a_place_and_the_answer_comes_when_they_are_
 def test_a_newer_jog_takes_over_on_the_way_and_the_older_caller_is_told(stack, daemon, elsewhere):
     daemon.slow = True
     older = elsewhere(m.Jog(joints={"depth": 0.1}, by=True))
-    until(lambda: daemon.action is not None and bool(stack.engine._services.daemon.running_action()))
+    until(lambda: daemon.action is not None and stack.engine._services.daemon.runs(daemon.action.id))
     newer = elsewhere(m.Jog(joints={"depth": 0.1}, by=True))
     older.end()
     assert "superseded" in older.refusal
@@ -64,7 +64,7 @@ def test_what_stopped_it_is_what_the_caller_is_told(stack, daemon):
 def test_a_stop_ends_it_and_leases_of_others_keep_it_away(stack, daemon, elsewhere):
     daemon.slow = True
     waiting = elsewhere(m.Jog(joints={"depth": 0.1}))
-    until(lambda: daemon.action is not None and bool(stack.engine._services.daemon.running_action()))
+    until(lambda: daemon.action is not None and stack.engine._services.daemon.runs(daemon.action.id))
     assert "busy" in stack.refusal(m.Jog(joints={"other": 0.1})).message
     stack.call(m.StopRun())
     waiting.end()

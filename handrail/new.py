@@ -93,7 +93,7 @@ def workspace_(folder: Annotated[Path, typer.Argument(help="A folder that is not
     print(f"export HANDRAIL_WORKSPACE={folder.resolve()}")
 
 
-def _begin(what: str, name: str, like: str) -> None:
+def begin(what: str, name: str, like: str) -> None:
     """Copy what `like` names into the workspace as `name`; exits with a line that says what is wrong."""
     kind, me = _KINDS[what], f"handrail new {what}"
     own = os.environ.get("HANDRAIL_WORKSPACE")
@@ -122,8 +122,8 @@ def _verb(what: str) -> None:
     option = typer.Option(_KINDS[what].like, help=f"The {what} that it begins as.")
 
     @app.command(what, help=f"Begin a {what} of your own as a copy of one that is there.")
-    def begin(name: Annotated[str, typer.Argument(help="What to call it.")], like: str = option) -> None:
-        _begin(what, name, like)
+    def verb(name: Annotated[str, typer.Argument(help="What to call it.")], like: str = option) -> None:
+        begin(what, name, like)
 
 
 for _what in _KINDS:

@@ -1,0 +1,122 @@
+"""What is saved is what was edited: comments, order and all else stay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from affordance_templates import catalogue, template_file
+from affordance_templates.authoring import Draft, recorded, saved_as, written
+from affordance_templates.binding import bind
+from affordance_templates.instance import Instance
+from affordance_templates.placement import placed, rotation_of, to_message
+from handrail.config import ConfigError
+from handrail.messages import Pose
+from handrail.robot import description as robots
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("panda")
+
+
+@pytest.mark.parametrize("name", sorted(catalogue.files()))
+def test_a_template_that_was_not_edited_is_saved_as_it_was(name):
+    assert Draft.of(catalogue.load(name)).text == catalogue.files()[name].read_text()
+
+
+def test_an_edit_changes_its_line_alone(cabinet, cabinet_text):
+    draft = Draft.of(cabinet)
+    draft.set("parameters.width.default", 0.7)
+    draft.set("trajectories.open.waypoints[1].until", 8)
+    before, after = cabinet_text.splitlines(), draft.text.splitlines()
+    changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    assert [b.strip() for _, b in changed] == [
+        "width: {default: 0.7, unit: m, min: 0.2, max: 1.0, step: 0.05}",
+        "until: 8",
+    ]
+    assert "# what it is" in draft.text and "# the door's" in draft.text
+
+
+def test_waypoints_are_added_moved_and_taken_away(cabinet):
+    draft = Draft.of(cabinet)
+    draft.add_waypoint("open", {"name": "look", "approach": "free", "position": [0, 0, 0.1]}, at=0)
+    draft.add_waypoint("wave", {"name": "once", "approach": "free"})
+    draft.move_waypoint("hold", 0, 0)
+    draft.remove("trajectories.open.waypoints[5]")
+    edited = draft.checked().resolve()
+    assert [w.name for w in edited.trajectories["open"].waypoints] == ["look", "before", "grasp", "turn", "swing"]
+    assert [w.name for w in edited.trajectories["wave"].waypoints] == ["once"]
+
+
+def test_a_draft_that_does_not_resolve_never_reaches_the_disk(cabinet):
+    file = cabinet.document.file
+    before = file.read_text()
+    draft = Draft.of(cabinet)
+    draft.set("parameters.width.default", 99)
+    with pytest.raises(ConfigError, match=r"parameters.width.default: got 99 m; expected 0.2 to 1"):
+        draft.save()
+    assert file.read_text() == before and not file.with_suffix(".new").exists()
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (lambda d: d.set("parameters.depth.default", 1), "no 'depth' there; expected one of width"),
+        (lambda d: d.remove("parameters.depth"), "expected one of width"),
+        (lambda d: d.set("trajectories.open.waypoints[9].until", 1), "no '9' there"),
+        (lambda d: d.add_waypoint("open", {"name": "x"}, at=9), "expected 0 to 5"),
+        (lambda d: d.move_waypoint("open", 0, 7), "expected 0 to 4"),
+        (lambda d: d.set_defaults({"depth": 1.0}), "expected one of width"),
+    ],
+)
+def test_what_is_not_there_can_not_be_edited(cabinet, edit, says):
+    with pytest.raises(ValueError, match=says):
+        edit(Draft.of(cabinet))
+
+
+@given(
+    width=st.floats(0.2, 1.0),
+    swing=st.sampled_from([-1.0, 1.0]),
+    buttons=st.integers(1, 6),
+    at=st.tuples(*[st.floats(-1, 1)] * 3),
+)
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_an_instance_saved_as_a_template_and_read_again_is_the_same(tmp_path, cabinet, width, swing, buttons, at):
+    instance = Instance("it", cabinet, Pose(position=at), {"width": width, "swing": swing, "buttons": float(buttons)})
+    file = tmp_path / "again.yaml"
+    file.unlink(missing_ok=True)
+    again = saved_as(instance, file).resolve()
+    read, meant = template_file.read(file).resolve(), instance.resolve()
+    for shape, other, third in zip(meant.shapes, again.shapes, read.shapes, strict=True):
+        assert shape.size == other.size == third.size
+        assert shape.pose_in_template == pytest.approx(third.pose_in_template)
+    assert read.frame("open.away") == pytest.approx(meant.frame("open.away"))
+    with pytest.raises(FileExistsError, match="is there already"):
+        saved_as(instance, file)
+
+
+@given(
+    xyz=st.tuples(*[st.floats(-1, 1)] * 3),
+    rpy=st.tuples(*[st.floats(-math.pi, math.pi)] * 3),
+    frame=st.sampled_from(["", "handle", "edge(0.1)", "button[2]"]),
+)
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_recorded_waypoint_brings_the_tip_back_to_where_it_was(cabinet, robot, xyz, rpy, frame):
+    instance = Instance(
+        "it", cabinet, to_message(placed(np.array([0.5, 0.1, 0.2]), rotation_of(np.array([0, 0, 0.4]))))
+    )
+    tip = placed(np.array(xyz), rotation_of(np.array(rpy)))
+    draft = Draft.of(cabinet)
+    draft.add_waypoint("taught", recorded(instance, robot.arms["arm"], tip, name="here", frame=frame, hand_pose="open"))
+    taught = Instance("it", draft.checked(), instance.pose_in_world)
+    assert bind(taught, "taught", robot, {}).waypoints[0].tip_in_world == pytest.approx(tip, abs=1e-4)
+
+
+def test_a_new_file_is_written_so_that_people_can_read_it():
+    text = written({"title": "A thing", "objects": {"body": {"shapes": [{"kind": "box", "size": [1, 2, 3]}]}}})
+    assert text == "title: A thing\nobjects:\n  body:\n    shapes:\n      - {kind: box, size: [1, 2, 3]}\n"

@@ -14,7 +14,7 @@ from handrail.messages import Library, LibraryEntry
 
 def load(name_or_file: str) -> Program:
     """Read and check a program, by its name in the library or by its file. Raises ConfigError."""
-    if name_or_file.endswith((".yaml", ".yml")):
+    if name_or_file.endswith((".yaml", ".yml", ".scxml")):
         return program.read(Path(name_or_file))
     return named(name_or_file, "or a file")
 

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from engines.programs import scxml
 from engines.programs.schema import (
     HistoryFile,
     Output,
@@ -154,7 +155,10 @@ def read(file: Path | str, library: Mapping[str, Path] | None = None) -> Program
 
 def files() -> dict[str, Path]:
     """Every program of the library by its name: the workspace's before the built-in ones."""
-    return workspace.files(workspace.search_path("rtc_programs", "rtc_programs"))
+    found: dict[str, Path] = {}
+    for folder in reversed(workspace.search_path("rtc_programs", "rtc_programs")):
+        found |= {**workspace.files([folder], scxml.SUFFIX), **workspace.files([folder])}
+    return found
 
 
 class _Reader:
@@ -169,7 +173,7 @@ class _Reader:
     def read(self, file: Path) -> Program:
         from engines.programs import check as program_check
 
-        document = config.read(file)
+        document = scxml.read(file) if file.suffix == scxml.SUFFIX else config.read(file)
         whole = document.convert(ProgramFile)
         if not whole.states:
             raise document.error("states", "got none; expected at least one")

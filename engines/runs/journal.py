@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from engines.programs import program as programs
+from engines.programs import scxml
 from engines.programs.deployment import Deployed
 from handrail.config import ConfigError
 from handrail.messages import RunState
@@ -63,7 +64,7 @@ class RunJournal:
         self._program.mkdir(exist_ok=True)
         files = {}
         for name, text in {**entry.parts, entry.state.program: entry.program}.items():
-            files[name] = self._program / f"{name}.yaml"
+            files[name] = self._program / f"{name}{scxml.SUFFIX if text.lstrip().startswith('<') else '.yaml'}"
             files[name].write_text(text, encoding="utf-8")
         try:
             return programs.read(files[entry.state.program], files), entry

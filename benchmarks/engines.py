@@ -22,6 +22,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from benchmarks.deploying import deploying
 from benchmarks.peers import environment
 from benchmarks.rows import Row
 from engines.programs import program
@@ -36,6 +37,8 @@ ROBOT = "talos_upper"
 MOTIONS, TURNS = 150, 3
 TICK_MS = 10.0
 P50_MS, P99_MS = 3.0, 10.0
+DEPLOYED = 300
+"""states"""
 STATES, LOAD_S = 1000, 2.0
 _PEER = ("py-trees==2.6.0",)
 _LASTS_S, _TELLS_S = 0.02, 0.02
@@ -109,7 +112,13 @@ def loading() -> list[Row]:
     ]  # fmt: skip
 
 
-MEASURED: tuple[Callable[[], list[Row]], ...] = (loading, reaction)
+def one_line() -> list[Row]:
+    """A line of a 100 KB program on its way to the engine."""
+    text = long_program(DEPLOYED)
+    return deploying(ROBOT, text, text.replace("title: Step 100\n", "title: Step 100, once more\n"))
+
+
+MEASURED: tuple[Callable[[], list[Row]], ...] = (loading, reaction, one_line)
 
 
 def long_program(states: int) -> str:

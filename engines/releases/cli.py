@@ -48,10 +48,9 @@ def deploy(
     with _telling(), connect(robot, keys) as client:
         bundle = bundle_of(program)
         before = sum(client.traffic)
-        number = client.releases(engine).releases[-1:]
         release = client.send_bundle(bundle, engine=engine, note=note, progress=_progress)
         crossed = sum(client.traffic) - before
-        if number and number[0].number == release.number:
+        if release.already:
             _out.print(f"{release.program}: nothing has changed since release {release.number}", highlight=False)
             return
         _out.print(f"release {release.number}: {release.program}, {crossed} bytes over the link", highlight=False)
@@ -97,8 +96,8 @@ def _here(program: str, found: Releases) -> str:
         return ""
     try:
         own: Bundle = bundle_of(program)
-    except (ConfigError, ValueError, OSError) as problem:
-        return "not here" if program not in library.files() else str(problem)
+    except (ConfigError, ValueError, OSError):
+        return "not here" if program not in library.files() else "unsound here: handrail program check says why"
     if own.address == bundle:
         return "the same"
     other = [path for path, address in own.manifest.addresses().items() if found.files.get(path) != address]

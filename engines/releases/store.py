@@ -143,8 +143,9 @@ class ReleaseStore:
                 return self.state(call.bundle)
             entries = self._entries
             if entries and entries[-1].bundles.get(found.program) == call.bundle:
-                since = next(e.release for e in reversed(entries) if e.release.bundle == call.bundle)
-                return msgspec.structs.replace(state, release=since)
+                came = [entry.release for entry in entries if entry.release.bundle == call.bundle]
+                since = came[-1] if came else entries[0].release  # it is older than what is kept
+                return msgspec.structs.replace(state, release=msgspec.structs.replace(since, already=True))
             before = dict(entries[-1].bundles) if entries else {}
             before.pop(found.program, None)
             source = _Source(found.program, call.bundle, call.by, call.note)

@@ -7,8 +7,8 @@ One folder holds them, ``$HANDRAIL_KEYS`` or ``handrail/keys`` under ``$XDG_CONF
     client.key          this user's public key
     client.key_secret   this user's secret key      never leaves the client
     allowed/*.key       public keys that the robot lets in, one file a client; the file's name is the client's name.
-                        They are operators'; those in allowed/developers/ may also bring code, those in allowed/engines/ are
-                        engines on other machines. This folder's own client.key is a developer's wherever it lies
+                        They are operators'; those in allowed/developers/ may also bring code. This folder's own client.key
+                        is a developer's wherever it lies
 
 The first run on a machine makes all of them, with this user's client allowed. To let another machine in, copy its
 ``client.key`` to the robot as ``allowed/NAME.key`` and the robot's ``server.key`` to it; the gate reads ``allowed`` at every
@@ -29,8 +29,8 @@ import zmq.auth
 
 _ALLOWED = "allowed"
 
-Role = Literal["operator", "developer", "engine"]
-_ROLES: dict[str, Role] = {"": "operator", "developers": "developer", "engines": "engine"}
+Role = Literal["operator", "developer"]
+_ROLES: dict[str, Role] = {"": "operator", "developers": "developer"}
 """folder below `allowed` → what those in it are"""
 
 

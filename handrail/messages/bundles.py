@@ -54,6 +54,8 @@ class Release(msgspec.Struct, kw_only=True):
     note: str = ""
     changed: list[str] = []
     """paths that are new, other or gone since the release before it"""
+    already: bool = False
+    """in an answer: what was asked for was in force since this release, and nothing has changed"""
 
 
 class BundleState(Message):

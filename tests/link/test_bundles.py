@@ -138,7 +138,9 @@ def test_a_program_travels_with_what_it_needs_and_only_that(desk):
 
 
 def test_the_same_bundle_again_is_no_new_release(desk):
-    assert desk.deploy() == desk.deploy()
+    first, second = desk.deploy(), desk.deploy()
+    assert (first.already, second.already) == (False, True)
+    assert second.number == first.number == desk.client.releases().releases[-1].number
 
 
 def test_a_bundle_that_is_cut_in_the_middle_leaves_the_old_one_and_goes_on_where_it_was(desk):

@@ -23,6 +23,7 @@ from daemon.exchange.doorbell import Bell, Doorbell, loop_doorbell, server_doorb
 from daemon.exchange.mailbox import MailboxFull, MailboxWriter
 from daemon.exchange.ring import StateRingReader
 from daemon.safety.report import safety_report
+from daemon.serving.authority import check_speed, owner_of
 from daemon.serving.challenges import Challenges
 from daemon.serving.controller_desk import ControllerDesk
 from daemon.serving.device_reports import other_columns
@@ -105,7 +106,7 @@ class Server:
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._owners = Owners()
-        self._challenges = Challenges()
+        self._challenges = Challenges(runtime.folder / "keepalives.json")
         self._leases = Leases(description, runtime.folder / "leases.json")
         # Counts on across restarts of this server: the loop must never see a serial twice.
         self._serial = time.monotonic_ns()
@@ -139,7 +140,7 @@ class Server:
             m.TakeLease: self._take_lease,
             m.ReturnLease: lambda call: self._leases.give_back(call.owner, call.part, call.epoch),
             m.BindKeepalive: self._bind_keepalive,
-            m.GetChallenge: lambda call: m.Challenge(challenge=self._challenges.issue(call.owner)),
+            m.GetChallenge: self._get_challenge,
             m.KeepAlive: self._keep_alive,
             m.ReleaseKeepalive: self._release_keepalive,
             m.HoldTime: self._hold_time,
@@ -387,15 +388,27 @@ class Server:
         self._ask_about_controllers(self._desk.switch, call)
 
     def _bind_keepalive(self, call: m.BindKeepalive) -> m.Challenge:
+        self._challenges.allow(call.owner, call.by)
         self._ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=call.timeout_s)
+        self._challenges.bind(call.owner, call.by)
+        return m.Challenge(challenge=self._challenges.issue(call.owner))
+
+    def _get_challenge(self, call: m.GetChallenge) -> m.Challenge:
+        self._challenges.allow(call.owner, call.by)
         return m.Challenge(challenge=self._challenges.issue(call.owner))
 
     def _keep_alive(self, call: m.KeepAlive) -> m.Challenge:
+        self._challenges.allow(call.owner, call.by)
         self._challenges.check(call.owner, call.answer)
-        self._ask(Kind.KEEP_ALIVE, owner=self._owners.number(call.owner))
+        try:
+            self._ask(Kind.KEEP_ALIVE, owner=self._owners.number(call.owner))
+        except RefusedError:  # nothing binds him any more: the robot was damped
+            self._challenges.forget(call.owner)
+            raise
         return m.Challenge(challenge=self._challenges.issue(call.owner))
 
     def _release_keepalive(self, call: m.ReleaseKeepalive) -> None:
+        self._challenges.allow(call.owner, call.by)
         self._ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=0.0)
         self._challenges.forget(call.owner)
 
@@ -478,7 +491,8 @@ class Server:
             raise refuse(_NO_LOOP)
 
     def _command_gripper(self, call: m.CommandGripper) -> None:
-        self._leases.check(call.owner, [call.gripper], call.lease, call.sequence)
+        owner = owner_of(call.owner, call.by)
+        self._leases.check(owner, [call.gripper], call.lease, call.sequence)
         row, values = check_gripper(call, self._description)
         header = exchange.encode_device(self._count(), row, values)
         self._require_accepted(self._post(header))
@@ -512,7 +526,12 @@ class Server:
         self._ask(kind, action=self._running(action))
 
     def _set_speed(self, call: m.SetSpeed) -> None:
-        self._ask(Kind.SET_SPEED, action=self._running(call.id) if call.id else 0, value=call.share)
+        serial = self._running(call.id) if call.id else 0
+        snapshot, started = self._reporter.snapshot, self._journal.find(serial) if serial else None
+        if snapshot is not None:
+            shares = [slot["speed"] for slot in snapshot["actions"] if serial and slot["serial"] == serial]
+            check_speed(call, float((shares or [snapshot["speed"]])[0]), started.owner if started else "")
+        self._ask(Kind.SET_SPEED, action=serial, value=call.share)
 
     def _running(self, action: str) -> int:
         """Serial of a running action. Raises RefusedError."""

@@ -23,7 +23,9 @@ import zstandard
 from handrail.messages import (
     Answer,
     AwaitPlan,
+    BindKeepalive,
     CheckTask,
+    CommandGripper,
     DaemonCall,
     DaemonEvent,
     Deploy,
@@ -33,16 +35,20 @@ from handrail.messages import (
     EngineCall,
     EngineEvent,
     ExecutePlan,
+    GetChallenge,
     Jog,
+    KeepAlive,
     MakePlan,
     Message,
     PlanMotion,
     PutBundle,
     RankChoices,
+    ReleaseKeepalive,
     RollBack,
     Run,
     RunFrom,
     SensorEvent,
+    SetSpeed,
     Stop,
     spec,
 )
@@ -81,6 +87,8 @@ REMOTE_ANSWER: Any = Answer | NoAnswer
 
 CODE = (PutBundle, RollBack)
 """calls that change which code runs on the robot: a developer's"""
+SIGNED = (*CODE, CommandGripper, BindKeepalive, GetChallenge, KeepAlive, ReleaseKeepalive, SetSpeed)
+"""calls on which the gate writes whose key they came with (`by`), and what that may do (`role`)"""
 RAW = (PutBundle,)
 """calls that carry bytes, and no value of any kind that a client likes"""
 

@@ -206,7 +206,7 @@ class Gate:
                 if who is None or who.role != "developer":
                     await self._answer(identity, number, _no_code(message, who, key))
                     return
-                message = msgspec.structs.replace(message, by=who.name)
+            message = self._signed(message, key)
             if isinstance(message, GetEngines) and not message.engine:
                 await self._answer(identity, number, Engines(engines=await self._all_engines()))
                 return
@@ -228,6 +228,15 @@ class Gate:
             self._in_flight[identity] -= 1
             if not self._in_flight[identity]:
                 del self._in_flight[identity]
+
+    def _signed(self, message: Any, key: bytes) -> Any:
+        """The call with the name and the role that its key has here, whatever it says of itself."""
+        if not isinstance(message, codec.SIGNED):
+            return message
+        who = self._keys.identity_of(key)
+        name, role = (who.name, who.role) if who else ("unknown", "none")
+        said = {"by": name, "role": role}
+        return msgspec.structs.replace(message, **{field: said[field] for field in said if hasattr(message, field)})
 
     def _name_of(self, key: bytes) -> str:
         return self._keys.name_of(key) or "unknown"

@@ -179,10 +179,15 @@ class SetSpeed(Message):
     """Run a motion, or all of them, at a share of the planned speed, from now on: in mid-motion, too, within the joints' limits.
 
     The path stays the same; what runs along it runs slower, the action's own time with it (TimeEnd, StallEnd, dither). Of a
-    JointStream whoever streams says how fast it is. Refused when no such action runs.
+    JointStream whoever streams says how fast it is. Refused when no such action runs; and over the link, from keys that are
+    neither an operator's nor a developer's, unless it slows down, or is about an action of theirs.
     """
 
     share: Annotated[float, Meta(ge=0.1, le=1.0)]
     """of the speed as planned; an action runs at its own share times the robot's"""
     id: Annotated[str, Meta(max_length=128)] = ""
     """the action; empty: every one that there is and will be, until it is set anew"""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine"""
+    role: Annotated[str, Meta(max_length=32)] = ""
+    """likewise: what that key may do"""

@@ -302,11 +302,14 @@ class CommandGripper(Message):
     effort: NonNegative = 0.0
     """N·m or N, at most; 0: its limit"""
     owner: str = ""
-    """who asks; counts only where somebody has taken the gripper's part"""
+    """who asks; counts only where somebody has taken the gripper's part. Over the link: the key's name, or that and more behind a
+    slash (`anna/tablet`); left out, the name"""
     lease: int = 0
     """epoch of `owner`'s newest lease; counts only where somebody has taken a part that this moves (TakeLease)"""
     sequence: int = 0
     """likewise: number of the command, higher than of all before it under that lease"""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine"""
 
 
 @travels(priority=1, remote=True)

@@ -57,6 +57,8 @@ class BindKeepalive(Message):
     owner: Name
     timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)]
     """s of the robot's clock"""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine"""
 
 
 class Challenge(Message):
@@ -70,6 +72,8 @@ class GetChallenge(Message):
     """A new challenge for one who has lost his, as by a restart of the daemon's server. It keeps nothing alive."""
 
     owner: Name
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine"""
 
 
 @travels(priority=1, remote=True)
@@ -79,10 +83,14 @@ class KeepAlive(Message):
     owner: Name
     answer: Annotated[str, Meta(max_length=200)]
     """handrail.keepalive.answer of the last challenge"""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine"""
 
 
 @travels(priority=1, remote=True)
 class ReleaseKeepalive(Message):
-    """`owner` need not answer any more."""
+    """`owner` need not answer any more. Over the link it is his to say who bound it."""
 
     owner: Name
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine"""

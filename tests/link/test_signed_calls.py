@@ -1,0 +1,26 @@
+"""The gate writes on a call whose key it came with, whatever the call says of itself."""
+
+from __future__ import annotations
+
+import shutil
+
+from handrail.link import keys
+from handrail.messages import Challenge, CommandGripper, GetChallenge, SetSpeed
+
+
+def test_a_call_says_the_name_and_the_role_of_its_key_and_not_what_its_sender_wrote(stand, tmp_path):
+    daemon, _ = stand.daemon(), stand.gate()
+    daemon.answers[GetChallenge] = lambda call: Challenge(challenge=call.by)
+    anna = keys.ensure(tmp_path / "anna")
+    shutil.copy(stand.keys / "server.key", anna / "server.key")
+    shutil.copy(anna / "client.key", stand.keys / "allowed" / "anna.key")
+    client = stand.client(anna)
+    client.call(CommandGripper(gripper="g", position=0.0, owner="ben", by="ben"))
+    client.call(SetSpeed(share=1.0, by="", role="developer"))
+    assert client.call(GetChallenge(owner="engine", by="ben")).challenge == "anna"
+    gripper, speed, _ = daemon.asked
+    assert (gripper.by, gripper.owner) == ("anna", "ben"), "who he says he is, is the daemon's to refuse"
+    assert (speed.by, speed.role) == ("anna", "operator")
+    (stand.keys / "allowed" / "anna.key").rename(stand.keys / "allowed" / "gone")
+    client.call(SetSpeed(share=1.0, by="local", role="operator"))
+    assert (daemon.asked[-1].by, daemon.asked[-1].role) == ("unknown", "none")

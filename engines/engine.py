@@ -31,6 +31,8 @@ from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
 from engines.learning.book import RunBook, location
 from engines.learning.learner import Learner
+from engines.nodes.desk import answers as node_answers
+from engines.nodes.keeper import NodeKeeper
 from engines.plans.desk import PlanningDesk, Task
 from engines.plans.making import make_edit, make_motion, make_plan, rank_choices
 from engines.plans.sight import Sight
@@ -128,6 +130,7 @@ class Engine:
             tip_pose=tip_pose,
             log=self._log,
             clouds=self._sight.clouds,
+            nodes=NodeKeeper(self._tell, self._log),
         )
         book = location()
         self._learner = Learner(description.name, RunBook(book) if book else None, affordances.instances)
@@ -164,6 +167,7 @@ class Engine:
             m.GetRunHistory: self._history,
             m.AnswerPrompt: self._services.prompts.answer,
             m.GetEngine: lambda call: self._snapshot(),
+            **node_answers(self._services.nodes, _in_thread),
             m.PutBundle: lambda call: _in_thread(functools.partial(self._put_bundle, call), "bundle"),
             m.GetReleases: lambda call: self._releases.listing(self._name),
             m.SetJoint: lambda call: affordances.set_joint(call.name, call.joint, call.position).state(),
@@ -208,6 +212,7 @@ class Engine:
                 self._log("warning", str(refused))
             self._job.join(0.5)
         self._publish()
+        self._services.nodes.close()
         self._services.daemon.close()
         if isinstance(self._services.affordances, SharedInstances):
             self._services.affordances.close()
@@ -415,6 +420,8 @@ class Engine:
         if state.status != self._told_status:
             self._told_status = state.status
             self._tell(self._info())
+        if state.status in ("succeeded", "failed", "stopped"):
+            _in_thread(lambda: self._services.nodes.end_run(state.run), "end of nodes")
 
     def _run_from(self, call: m.RunFrom) -> Future[m.RunState]:
         run = self._run

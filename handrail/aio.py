@@ -219,6 +219,11 @@ class AsyncClient:
     run_history = _awaited(Client.run_history)
     answer = _awaited(Client.answer)
     snapshot = _awaited(Client.snapshot)
+    nodes = _awaited(Client.nodes)
+    start_node = _awaited(Client.start_node)
+    put_node = _awaited(Client.put_node)
+    reload_node = _awaited(Client.reload_node)
+    stop_node = _awaited(Client.stop_node)
 
 
 def connect(

@@ -95,6 +95,7 @@ from handrail.messages import (
     TakeTransition,
     TaskCheck,
 )
+from handrail.node_calls import NodeCalls
 from handrail.topics import RefusedError, Unreachable
 
 __all__ = ["Client", "Events", "Live", "Part", "RefusedError", "Selection", "Unreachable", "connect"]
@@ -129,7 +130,7 @@ def connect(
     return Client(session, engine)
 
 
-class Client:
+class Client(NodeCalls):
     """One operator's connection to a robot. Made by `connect`; reconnects by itself; close it or use it as a context."""
 
     def __init__(self, session: Session, engine: str = ""):

@@ -66,6 +66,9 @@ _KINDS = {
         ("from daemon.controllers.base import", "def make(cls, setup"),
     ),
 }
+_KINDS["node"] = _Kind(
+    "nodes", "rtc_programs", "nodes", "low_pass", "handrail node test {name}", "docs/nodes.md", ".py", ("(Node):",)
+)
 _README = """# A Handrail workspace
 
 `export HANDRAIL_WORKSPACE={folder}` makes it count: what lies here is found before what Handrail brings.
@@ -81,7 +84,7 @@ here, too: docs/robots.md, docs/drives.md and docs/wbc.md of Handrail.
 
 @app.command("workspace")
 def workspace_(folder: Annotated[Path, typer.Argument(help="A folder that is not there yet, or is empty.")]) -> None:
-    """Make a folder for your own programs, behaviours, scenes, templates and controllers."""
+    """Make a folder for your own programs, nodes, behaviours, scenes, templates and controllers."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         sys.exit(f"handrail new workspace: {folder}: is there and not empty; expected a folder to be made")
     for kind in _KINDS.values():

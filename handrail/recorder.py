@@ -55,6 +55,7 @@ from handrail.messages import (
     PlanPreview,
     PlanProgress,
     PointCloud,
+    PortValue,
     Pose,
     Prompt,
     PromptClosed,
@@ -86,6 +87,7 @@ _AS_THEY_COME: dict[type, str] = {
     PromptClosed: "/prompt_closed",
     CodeChanged: "/code_changed",
     EngineInfo: "/engine",
+    PortValue: "/port",
 }
 _BACKWARDS_NS = 1_000_000_000
 

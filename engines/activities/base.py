@@ -15,6 +15,7 @@ from affordance_templates.instance import Instance
 from affordance_templates.server import AffordanceServer
 from engines.daemon_client import DaemonClient
 from engines.learning.facts import RunNotes
+from engines.nodes.keeper import NodeKeeper
 from engines.plans.store import PlanStore
 from engines.runs.motion import Motion
 from engines.runs.prompts import Prompts
@@ -165,6 +166,7 @@ class Services:
     """level, text: a line for people"""
     clouds: Callable[[], Sequence[PointCloud]] = tuple
     """the newest of each camera"""
+    nodes: NodeKeeper = field(default_factory=NodeKeeper)
 
     def tip(self, position: np.ndarray, arm: str) -> np.ndarray:
         """(3,) m: an arm's tool tip in the world at joint positions (n,) rad."""

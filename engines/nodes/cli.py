@@ -13,10 +13,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from engines.nodes import composite, library
+from engines.nodes import composite, library, remote
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.node import Case, Node, load
 from engines.nodes.ports import PortError, plain
+from engines.nodes.remote import values as _values
 from handrail.config import ConfigError
 
 app = typer.Typer(help="Process nodes.", no_args_is_help=True, add_completion=False)
@@ -147,6 +148,9 @@ def run(
         _fail_as(failures[0])
 
 
+remote.add_to(app)
+
+
 def _file(node: str) -> Path:
     try:
         return library.find(node)
@@ -170,16 +174,3 @@ def _fail_as(failure: NodeFailed) -> NoReturn:
 def _fail(text: str) -> NoReturn:
     _err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
     raise typer.Exit(1)
-
-
-def _values(option: str, texts: list[str] | None) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for text in texts or []:
-        name, sign, value = text.partition("=")
-        if not (name and sign):
-            raise typer.BadParameter(f"got {text!r}; expected NAME=VALUE", param_hint=option)
-        try:
-            found[name] = json.loads(value)
-        except json.JSONDecodeError:
-            found[name] = value
-    return found

@@ -14,6 +14,7 @@ from engines.nodes.failure import NodeFailed
 from engines.nodes.launcher import NodesProcess
 from engines.nodes.life import Life
 from engines.nodes.wire import Hello
+from handrail import workspace
 from handrail.usage import Watch
 
 __all__ = ["NodeFailed", "NodeProcess"]
@@ -30,7 +31,8 @@ class NodeProcess:
     def __init__(
         self, file: Path, params: Mapping[str, Any] | None = None, *, told: Callable[[dict[str, Any]], None] = lambda outputs: None,
         ended: Callable[[NodeFailed], None] = lambda failure: None, noted: Callable[[str], None] | None = None,
-        said: Callable[[str], None] | None = None, restarts: int | None = None, silent_s: float = 5.0, window_s: float = 10.0,
+        said: Callable[[str], None] | None = None, given: Callable[[dict[str, Any]], None] = lambda values: None,
+        up: Callable[[], None] = lambda: None, restarts: int | None = None, silent_s: float = 5.0, window_s: float = 10.0,
         closing: threading.Event | None = None,
     ):  # fmt: skip
         """Starts it and waits until it is loaded. Raises NodeFailed.
@@ -39,6 +41,8 @@ class NodeProcess:
         :param ended: why it ended by itself; after `restarts` of them it stays ended
         :param noted: what a person should know and did not end it: slowed down, started anew (standard error, unless given)
         :param said: each line that it prints (standard error, unless given)
+        :param given: inputs and parameters that it has taken
+        :param up: it has been started anew
         :param restarts: None: as the node itself has it
         :param silent_s: of wall time without a sign of life, after which it is killed
         :param window_s: over which its share of a core is counted
@@ -46,6 +50,8 @@ class NodeProcess:
         """
         self.file, self._told, self._ended = file, told, ended
         self._noted, self._said = noted or self._printed, said or self._printed
+        self._given, self._up = given, up
+        self._deployed = workspace.deployed()  # in this thread: where a composite's parts are found
         self._restarts, self._silent_s, self._window_s = restarts, silent_s, window_s
         self.restarted = 0
         self._params, self._inputs = dict(params or {}), dict[str, Any]()
@@ -84,13 +90,15 @@ class NodeProcess:
         """One step with these inputs; the outputs that it wrote. Raises NodeFailed: declined, raised, hung, killed."""
         return self._ask(inputs or {}, params or {}, step=True)
 
-    def reload(self) -> bool:
+    def reload(self, file: Path | None = None) -> bool:
         """Go on in the file as it is now, between two calls, with the parameters and inputs that it still has. False: no change.
 
         Raises NodeFailed when the new version can't be loaded or started: then the node goes on in the version that it had. Told
-        either way (`noted`).
+        either way (`noted`). `file`: where it is found now.
         """
         with self._reloading:
+            before_file, self.file = self.file, file or self.file
+            self._deployed = workspace.deployed()
             version = _version(self.file)
             if version == self._version:
                 return False
@@ -100,7 +108,7 @@ class NodeProcess:
             try:
                 fresh.load(inputs, params, fitting=True)
             except NodeFailed as problem:
-                self._version = version  # tried once, until it changes again
+                self._version, self.file = version, before_file  # tried once, until it changes again
                 self._noted(f"goes on in the version that it had: {problem.why}")
                 raise
             with self._turn:
@@ -115,6 +123,7 @@ class NodeProcess:
                 self._inputs, self._params, self._version = inputs, params, version
             before.told = lambda outputs: None
             before.end()
+            self._up()
             if self._closing.is_set():
                 fresh.end()
         lost = f"; it has no {', '.join(gone)} of that kind any more" if gone else ""
@@ -144,7 +153,9 @@ class NodeProcess:
             self._inputs.update(inputs)
             self._params.update(params)
             self._puts += 1
-            return found
+        if inputs or params:
+            self._given({**inputs, **params})
+        return found
 
     # ------------------------------------------------------------------------------------------------------------- its lives
 
@@ -155,7 +166,10 @@ class NodeProcess:
         return life
 
     def _new(self) -> Life:
-        return Life(self.file, said=self._said, closing=self._closing, silent_s=self._silent_s, window_s=self._window_s)
+        with workspace.pinned(self._deployed):
+            return Life(
+                self.file, said=self._said, closing=self._closing, silent_s=self._silent_s, window_s=self._window_s
+            )
 
     def _take_over(self, life: Life) -> None:
         """From now on it is the one that is asked and listened to."""
@@ -201,6 +215,7 @@ class NodeProcess:
                 fresh.end()
                 return
             self._take_over(fresh)
+            self._up()
             if self._closing.is_set():  # `close` has ended the one before
                 fresh.end()
             return

@@ -16,6 +16,7 @@ import msgspec
 
 from engines.nodes.reactor import REACTOR
 from engines.nodes.warm import Ended, Fork, Forked, environment
+from handrail import workspace
 
 _START_S = 120.0
 """of wall time until the warm process has imported what nodes share: an empty cache, a busy machine"""
@@ -87,7 +88,8 @@ class _Warm:
 
     def fork(self, file: Path, wire: socket.socket, log: int) -> NodesProcess:
         """Raises OSError when the warm process has ended."""
-        order = Fork(str(file), os.getcwd(), environment(os.environ))
+        deployed = workspace.deployed()
+        order = Fork(str(file), os.getcwd(), environment(os.environ), str(deployed) if deployed else "")
         with self._calling:
             socket.send_fds(self._calls, [msgspec.msgpack.encode(order)], [wire.fileno(), log])
             answer = self._calls.recv(4096)

@@ -58,7 +58,7 @@ class Life:
         self._cause = ""
         self._last: Failed | None = None
         self._heard_at = self._sampled_at = 0.0
-        self._answers: dict[int, queue.SimpleQueue[Stepped | NodeFailed]] = {}
+        self._answers: dict[int, queue.SimpleQueue[dict[str, Any] | NodeFailed]] = {}
         self._number = 0
         self._lock = threading.Lock()
         self._failure: NodeFailed | None = None
@@ -129,7 +129,7 @@ class Life:
     def ask(self, inputs: Mapping[str, Any], params: Mapping[str, Any], *, step: bool) -> dict[str, Any]:
         """What it wrote in the step, if that was asked for. Raises NodeFailed."""
         packed = self.packed("inputs", inputs)
-        answer: queue.SimpleQueue[Stepped | NodeFailed] = queue.SimpleQueue()
+        answer: queue.SimpleQueue[dict[str, Any] | NodeFailed] = queue.SimpleQueue()
         with self._lock:
             if self._failure is not None:
                 raise self._failure
@@ -143,7 +143,7 @@ class Life:
             self._answers.pop(number, None)
         if isinstance(found, NodeFailed):
             raise found
-        return self._read(found)
+        return found
 
     def end(self) -> None:
         """Ask it to end, and kill it a second later."""
@@ -206,9 +206,12 @@ class Life:
         while (message := self._wire.arrived()) is not None:
             match message:
                 case Stepped():
-                    self._answer(message.number, message)
-                    if message.outputs:
-                        self.told(self._read(message))
+                    outputs = self._read(message)
+                    try:
+                        if outputs:
+                            self.told(outputs)
+                    finally:
+                        self._answer(message.number, outputs)
                 case Declined():
                     self._answer(message.number, NodeFailed(message.why))
                 case Failed():
@@ -237,7 +240,7 @@ class Life:
                 f"used {100 * watch.share:.0f} % of a core over {self._window_s:g} s, allowed {100 * limits.cpu_share:.0f} %"
             )
 
-    def _answer(self, number: int, answer: Stepped | NodeFailed) -> None:
+    def _answer(self, number: int, answer: dict[str, Any] | NodeFailed) -> None:
         with self._lock:
             waiting = self._answers.get(number)
         if waiting is not None:

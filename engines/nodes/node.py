@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -114,7 +115,11 @@ def load(file: Path) -> type[Node]:
     if spec is None or spec.loader is None:
         raise PortError(f"{file}: got no Python file; expected NAME.py")
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.path.insert(0, str(file.parent))  # modules beside it
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(file.parent))
     found = [
         each for each in vars(module).values()
         if isinstance(each, type) and issubclass(each, Node) and each.__module__ == module.__name__

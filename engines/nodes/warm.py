@@ -21,6 +21,7 @@ from typing import Any
 import msgspec
 
 from engines.nodes import child
+from handrail import workspace
 
 _PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
 _LONGEST = 1 << 20
@@ -33,6 +34,8 @@ class Fork(msgspec.Struct):
     folder: str
     """in which the node works"""
     environment: dict[str, str]
+    deployed: str = ""
+    """folder in which nodes are looked for first"""
 
 
 class Forked(msgspec.Struct):
@@ -57,6 +60,7 @@ def serve(calls: socket.socket, ends: socket.socket) -> None:
     signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
     decoder = msgspec.msgpack.Decoder(Fork)
     libc = ctypes.CDLL(None)
+    libc.prctl(_PR_SET_NAME, b"warm nodes")
     # What is there now is every node's: a collection that walked it would copy its pages into each of them.
     gc.collect()
     gc.freeze()
@@ -117,6 +121,7 @@ def _become(order: Fork, wire: int, log: int) -> None:
         os.environ.update(order.environment)
         with contextlib.suppress(OSError):
             os.chdir(order.folder)
+        workspace.use(Path(order.deployed) if order.deployed else None)
         status = child.main(Path(order.file), socket.socket(fileno=wire))
         sys.stderr.flush()
     finally:

@@ -42,13 +42,16 @@ from handrail.messages import (
     Message,
     PlanMotion,
     PutBundle,
+    PutNode,
     RankChoices,
     ReleaseKeepalive,
+    ReloadNode,
     RollBack,
     Run,
     RunFrom,
     SensorEvent,
     SetSpeed,
+    StartNode,
     Stop,
     spec,
 )
@@ -109,6 +112,9 @@ _TIMEOUTS_S: dict[type, float] = {
     RunFrom: 25.0,
     PutBundle: 60.0,
     RollBack: 60.0,
+    StartNode: 60.0,
+    ReloadNode: 60.0,
+    PutNode: 30.0,
 }
 _TIMEOUT_S = 5.0
 

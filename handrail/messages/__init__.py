@@ -133,6 +133,18 @@ from handrail.messages.motions import (
     TaskAxis,
     WholeBody,
 )
+from handrail.messages.nodes import (
+    GetNodes,
+    NodePort,
+    Nodes,
+    NodeState,
+    PortValue,
+    PutNode,
+    ReloadNode,
+    StartNode,
+    StopNode,
+    WatchPort,
+)
 from handrail.messages.owners import (
     BindKeepalive,
     Challenge,
@@ -295,6 +307,7 @@ __all__ = [
     "GetEngines",
     "GetHardware",
     "GetInstances",
+    "GetNodes",
     "GetPlan",
     "GetReleases",
     "GetRobot",
@@ -337,6 +350,9 @@ __all__ = [
     "Motion",
     "MoveInstance",
     "Name",
+    "NodePort",
+    "NodeState",
+    "Nodes",
     "NonNegative",
     "Ok",
     "PathForce",
@@ -354,6 +370,7 @@ __all__ = [
     "PlanWaypoint",
     "PlanWorst",
     "PointCloud",
+    "PortValue",
     "Pose",
     "PoseErrorEnd",
     "PoseStream",
@@ -364,6 +381,7 @@ __all__ = [
     "Prompt",
     "PromptClosed",
     "PutBundle",
+    "PutNode",
     "RankChoices",
     "Reference",
     "Refused",
@@ -372,6 +390,7 @@ __all__ = [
     "ReleaseKeepalive",
     "ReleaseTime",
     "Releases",
+    "ReloadNode",
     "RemoveInstance",
     "ResumeAction",
     "ResumeRun",
@@ -398,11 +417,13 @@ __all__ = [
     "StallEnd",
     "StartAction",
     "StartBehaviour",
+    "StartNode",
     "StateVisit",
     "Step",
     "StepMotion",
     "StepRun",
     "Stop",
+    "StopNode",
     "StopRun",
     "StreamJoints",
     "StreamPose",
@@ -421,10 +442,13 @@ __all__ = [
     "TravelEnd",
     "UnloadController",
     "Vector",
+    "WatchPort",
     "WholeBody",
     "spec",
 ]
 
+GetNodes.Reply = Nodes
+StartNode.Reply = PutNode.Reply = NodeState
 GetRobot.Reply = RobotInfo
 GetStatus.Reply = DaemonStatus
 GetTiming.Reply = LoopTiming
@@ -525,6 +549,12 @@ EngineCall = (
     | GetRunHistory
     | AnswerPrompt
     | GetEngine
+    | GetNodes
+    | StartNode
+    | StopNode
+    | PutNode
+    | ReloadNode
+    | WatchPort
     | PutBundle
     | GetReleases
     | RollBack
@@ -532,7 +562,16 @@ EngineCall = (
     | SetJoint
 )
 EngineEvent = (
-    InstanceState | PlanPreview | PlanProgress | RunState | Prompt | PromptClosed | LogLine | CodeChanged | EngineInfo
+    InstanceState
+    | PlanPreview
+    | PlanProgress
+    | RunState
+    | Prompt
+    | PromptClosed
+    | LogLine
+    | CodeChanged
+    | EngineInfo
+    | PortValue
 )
 Answer = (
     Ok
@@ -558,6 +597,8 @@ Answer = (
     | RunHistory
     | EngineSnapshot
     | Jogged
+    | Nodes
+    | NodeState
     | BundleState
     | Releases
     | RolledBack

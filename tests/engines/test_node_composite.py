@@ -13,6 +13,9 @@ from typer.testing import CliRunner
 from engines.nodes import cli, composite, library
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.node import Node
+from engines.releases.closure import bundle_of
+from handrail import workspace
+from handrail.bundles import manifest
 from handrail.config import ConfigError
 
 ADD = """\
@@ -59,6 +62,16 @@ outputs:
   part: first.total
 cases:
   - {inputs: [{a: 1.0, word: xyz, c: 10.0}], outputs: {sum: 15.0, part: 4.0}}
+"""
+PROGRAM = """\
+title: Add
+states:
+  adding:
+    do: node
+    with: {node: three, inputs: {a: "1", word: "'xyz'", c: "10"}, outputs: [sum]}
+    transitions: [{event: done.invoke.adding, target: good}, {event: error.execution, target: bad}]
+  good: {final: true, outcome: succeeded}
+  bad: {final: true, outcome: failed}
 """
 
 
@@ -142,3 +155,20 @@ def test_an_input_that_has_not_come_is_told_with_its_part(nodes):
 def test_what_does_not_fit_together_is_told_with_file_and_line(nodes, old, new, told):
     with pytest.raises(ConfigError, match=told):
         composite.read(nodes(old, new))
+
+
+def test_a_program_takes_along_what_its_composite_is_made_of_and_finds_it_where_it_was_deployed(
+    nodes, tmp_path, monkeypatch
+):
+    nodes()
+    (tmp_path / "nodes" / "count.py").write_text("import words\n" + COUNT)
+    (tmp_path / "nodes" / "words.py").write_text("")
+    (tmp_path / "rtc_programs").mkdir()
+    (tmp_path / "rtc_programs" / "adding.yaml").write_text(PROGRAM)
+    bundle = bundle_of("adding")
+    assert {"nodes/three.yaml", "nodes/add.py", "nodes/count.py", "nodes/words.py"} <= bundle.manifest.files.keys()
+    there = tmp_path / "deployed"
+    manifest.write(bundle.manifest, bundle.contents.get, there)
+    monkeypatch.delenv("HANDRAIL_WORKSPACE")
+    with workspace.pinned(there), NodeProcess(library.find("three"), restarts=0) as process:
+        assert process.step({"a": 1, "word": "xyz", "c": 10.0})["sum"] == 15.0

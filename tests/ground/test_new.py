@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from affordance_templates import catalogue
 from affordance_templates.template_file import read as read_template
 from daemon.controllers.registry import find_kind
+from engines.nodes.cli import app as nodes
 from engines.programs import library
 from hal.plant import scene
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, find
@@ -31,13 +32,15 @@ def new(*arguments: str) -> str:
 
 
 def test_what_is_begun_is_sound_and_found_by_its_name(own: Path) -> None:
-    for kind in ("program", "behaviour", "scene", "template", "controller"):
+    for kind in ("program", "behaviour", "scene", "template", "controller", "node"):
         assert new(kind, "mine") == ""
     assert library.load("mine").title
     assert BehaviourFile(find("mine"), SOME_ARM).steps
     assert scene.find("mine") == own / "scenes" / "mine.yaml"
     assert read_template(catalogue.files()["mine"]).title
     assert find_kind("mine").__module__ == "workspace_controllers.mine"
+    tried = CliRunner().invoke(nodes, ["test", "mine"])
+    assert tried.exit_code == 0 and "passed" in tried.output
 
 
 def test_any_that_is_there_may_be_the_start(own: Path) -> None:

@@ -1,0 +1,85 @@
+"""What a client can do with process nodes that an engine runs (docs/nodes.md)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from handrail.link.events import Events
+from handrail.messages import (
+    GetNodes,
+    NodeState,
+    PortValue,
+    PutNode,
+    ReloadNode,
+    StartNode,
+    StopNode,
+    WatchPort,
+)
+
+_LASTS_S, _RENEWED_S = 10.0, 4.0
+
+
+class NodeCalls:
+    """Part of `handrail.client.Client`."""
+
+    def call(self, message: Any, timeout_s: float | None = None) -> Any:
+        raise NotImplementedError
+
+    def events(self, *kinds: type, timeout_s: float = 5.0) -> Events:
+        raise NotImplementedError
+
+    def nodes(self) -> list[NodeState]:
+        """The nodes that the engine runs: their ports with the newest values, what they use, how often they were started anew."""
+        return self.call(GetNodes()).nodes
+
+    def start_node(
+        self,
+        node: str,
+        *,
+        name: str = "",
+        params: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+    ) -> NodeState:
+        """Start a node of the library beside the program, until `stop_node`; `name`: what to call it, if not by its own."""
+        return self.call(StartNode(node=node, name=name, params=dict(params or {}), inputs=dict(inputs or {})))
+
+    def put_node(
+        self,
+        name: str,
+        inputs: Mapping[str, Any] | None = None,
+        params: Mapping[str, Any] | None = None,
+        *,
+        step: bool = False,
+    ) -> NodeState:
+        """New inputs and parameters of a node that runs, all or none; `step`: of one that steps when asked, one step with them."""
+        return self.call(PutNode(name=name, inputs=dict(inputs or {}), params=dict(params or {}), step=step))
+
+    def reload_node(self, name: str) -> None:
+        """Go on in the node's file as it is now. Refused where that can't run: then it goes on as it was."""
+        self.call(ReloadNode(name=name))
+
+    def stop_node(self, name: str) -> None:
+        """End a node that `start_node` started."""
+        self.call(StopNode(name=name))
+
+    def watch_port(self, name: str, port: str, *, rate: float = 5.0) -> Iterator[PortValue]:
+        """What goes through a port from now on, at most `rate` times a second, for as long as one iterates.
+
+        The newest value comes at once, where there is one. Waits for a node that does not run yet. Raises RefusedError where there
+        is no such node or port.
+        """
+        watch = WatchPort(name=name, port=port, rate=rate, lasts=_LASTS_S)
+        with self.events(PortValue) as told:
+            self.call(watch)
+            renewed = time.monotonic()
+            while True:
+                if told.closed:
+                    return
+                event = told.next(_RENEWED_S / 4)
+                if isinstance(event, PortValue) and (event.name, event.port) == (name, port):
+                    yield event
+                if time.monotonic() - renewed >= _RENEWED_S:
+                    self.call(watch)
+                    renewed = time.monotonic()

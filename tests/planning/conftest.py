@@ -53,9 +53,16 @@ def wheel_at():
     return _wheel_at
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def nominal_wheel() -> Instance:
+    """It does not change: tests share what is planned for it."""
     return _wheel_at(NOMINAL, np.zeros(3))
+
+
+@pytest.fixture(scope="session")
+def nominal_plan(planner: ManipulationPlanner, nominal_wheel: Instance, description: RobotDescription) -> Plan:
+    """The right arm's stroke at it, from the home posture."""
+    return planner.plan(nominal_wheel, "turn", "right", description.home_position("ready"))
 
 
 @pytest.fixture(scope="session")

@@ -57,9 +57,8 @@ def test_the_return_stays_in_front_of_the_wheel(seeded_plans, planner, descripti
         assert np.hypot(tip[1], tip[2]) == pytest.approx(0.10, abs=0.003)
 
 
-def test_a_retry_draws_back_first_and_enters_later_on_the_arc(nominal_wheel, planner, description):
-    home = description.home_position("ready")
-    plan = planner.plan(nominal_wheel, "turn", "right", home)
+def test_a_retry_draws_back_first_and_enters_later_on_the_arc(nominal_wheel, nominal_plan, planner, description):
+    home, plan = description.home_position("ready"), nominal_plan
     tripped = after(plan, home, description, "engage", 0.7)
     shift = np.deg2rad(12)
     retry = planner.plan(nominal_wheel, "turn", "right", tripped, arc=plan.outputs["arc_centre"], entry_shift=shift)
@@ -91,9 +90,10 @@ def test_the_approach_leads_around_what_stands_in_the_straight_line(wheel_at, pl
     assert scene.to_self(positions).distance >= SELF_CLEARANCE.bound - 1e-3
 
 
-def test_with_an_arc_given_but_the_arm_elsewhere_it_comes_in_anew_on_that_arc(nominal_wheel, planner, description):
-    home = description.home_position("ready")
-    plan = planner.plan(nominal_wheel, "turn", "right", home)
+def test_with_an_arc_given_but_the_arm_elsewhere_it_comes_in_anew_on_that_arc(
+    nominal_wheel, nominal_plan, planner, description
+):
+    home, plan = description.home_position("ready"), nominal_plan
     again = planner.plan(nominal_wheel, "turn", "right", home, arc=plan.outputs["arc_centre"])
     assert again.segments[0].name == "approach"
     assert again.outputs["arc_centre"] == plan.outputs["arc_centre"]

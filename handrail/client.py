@@ -415,7 +415,7 @@ class Client(NodeCalls):
         """Change the running program's parameters: each counts from when it is used next."""
         self.call(SetRunParameters(parameters=dict(parameters)))
 
-    def set_autonomy(self, level: Literal["low", "high", "full"]) -> None:
+    def set_autonomy(self, level: Literal["off", "low", "high", "full"]) -> None:
         """How much programs do without asking: transitions that name this level or one above it are asked about first."""
         self.call(SetAutonomy(level=level))
 

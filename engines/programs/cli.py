@@ -32,6 +32,7 @@ _SILENT_S = 2.0
 class Level(Enum):
     """Levels of autonomy."""
 
+    OFF = "off"
     LOW = "low"
     HIGH = "high"
     FULL = "full"

@@ -58,7 +58,8 @@ def graph(program: Program, active: frozenset[str] = frozenset()) -> str:
     return "\n".join(
         [
             f"digraph {_quoted(program.name)} {{",
-            f'  graph [label=<<b>{_text(program.title)}</b>>, labelloc=t, compound=true, fontname="DejaVu Sans", fontsize=16,',
+            f"  graph [label=<<b>{_text(program.title)}</b>>, labelloc=t, compound=true, newrank=true,",
+            '    fontname="DejaVu Sans", fontsize=16,',
             f'    color="{_DIM}", fontcolor="{_INK}", style="rounded,filled", fillcolor="#fbfcfe", nodesep=0.35, ranksep=0.55];',
             f'  node [fontname="DejaVu Sans", fontsize=11, color="{_DIM}", fontcolor="{_INK}", shape=box, style="rounded,filled",',
             f'    fillcolor="{_FILL}", margin="0.14,0.08"];',

@@ -33,7 +33,7 @@ _T = TypeVar("_T")
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180}
 """names that every expression of a program knows; ``deg`` is one degree in radians"""
 
-AUTONOMY: Mapping[str, int] = {"low": 1, "high": 2, "full": 3}
+AUTONOMY: Mapping[str, int] = {"off": 0, "low": 1, "high": 2, "full": 3}
 """levels that a run may have, and that a transition may name as the highest at which it is asked about"""
 PROGRAM = "program"
 """what a state does that runs another program"""

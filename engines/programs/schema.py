@@ -54,7 +54,7 @@ class TransitionFile(_Struct):
     """s of the run's time in the state (a number, or an expression), instead of an event: a time-out"""
     cond: str | None = None
     set: dict[str, Any] = {}
-    autonomy: Literal["low", "high", "full", ""] = ""
+    autonomy: Literal["off", "low", "high", "full", ""] = ""
     """the operator is asked before it is taken, where the run's level is not above this one"""
     title: str = ""
 

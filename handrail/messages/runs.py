@@ -88,7 +88,7 @@ class SetRunParameters(Message):
 class SetAutonomy(Message):
     """How much programs do without asking, from now on: transitions that name this level or one above it are asked about."""
 
-    level: Literal["low", "high", "full"]
+    level: Literal["off", "low", "high", "full"]
     engine: str = ""
 
 

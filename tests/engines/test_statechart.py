@@ -304,6 +304,19 @@ def test_at_a_level_above_what_is_required_nobody_is_asked(begin):
     assert chart.ended.id == "good"
 
 
+@pytest.mark.parametrize(
+    ("level", "required", "is_asked"), [("off", "off", True), ("off", "low", True), ("low", "off", False)]
+)
+def test_at_the_lowest_level_all_that_names_a_level_is_asked_about(begin, level, required, is_asked):
+    asked = []
+    chart = begin(ASKING.replace("autonomy: high", f"autonomy: {required}"), ask=asked.append)
+    chart.set_autonomy(level)
+    begin.step(1).end({"answer": "yes", "by": "me"})
+    chart.step()
+    assert bool(asked) is is_asked
+    assert chart.active() == (["asking"] if is_asked else ["good"])
+
+
 @pytest.mark.parametrize("level", ["low", "high"])
 def test_below_it_the_state_stays_until_the_operator_lets_it_go(begin, level):
     asked, left = [], []

@@ -293,6 +293,12 @@ def test_a_picture_has_a_box_for_a_program_that_is_run_or_all_that_is_in_it(writ
     assert '"gripping/asking" -> "gripping/held"' in open_.read_text()
 
 
+def test_programs_with_clusters_in_clusters_are_laid_out(write, tmp_path):
+    files = {**program.files(), **write(twice=TWICE)}
+    draw(program.read(files["twice"], files), tmp_path / "open.svg", expand=True)
+    assert "planning_next" in (tmp_path / "open.svg").read_text()
+
+
 def test_editors_complete_what_a_call_is_given_and_what_a_program_gives_back(write):
     files = write(grip=GRIP, move=MOVE)
     known = {name: {each: a.required for each, a in one.arguments.items()} for name, one in SIGNATURES.items()}

@@ -24,7 +24,14 @@ def test_every_lesson_runs_in_its_order(start_stack, monkeypatch: pytest.MonkeyP
     for lesson in LESSONS:
         runpy.run_path(str(lesson), run_name="__main__")
     said = capsys.readouterr().out
-    for words in ("approach: done", "back home: done", "home again: done", "succeeded: turned", "opened and closed"):
+    for words in (
+        "approach: done",
+        "back home: done",
+        "home again: done",
+        "fresh once that was executed: True",
+        "succeeded: turned",
+        "opened and closed",
+    ):
         assert words in said
     assert abs(stack.truth().now().hinges["valve"]) > 2.5, said  # the valve of the plant, by two lessons' strokes
 

@@ -9,7 +9,7 @@ from engines.activities.base import Activity, Argument, Kind
 from handrail.messages import PlanMotion
 
 _STROKE = ("instance", "trajectory")
-_MOTION = ("goals", "through", "keep", "joints", "clearance")
+_MOTION = ("goals", "through", "keep", "joints", "clearance", "relax")
 
 
 class PlanActivity(Activity):
@@ -30,6 +30,7 @@ class PlanActivity(Activity):
         "keep": Argument(Kind.GOALS, required=False, default=()),
         "joints": Argument(Kind.NAMES, required=False, default=()),
         "clearance": Argument(Kind.NUMBER, required=False, default=0.01, unit="m"),
+        "relax": Argument(Kind.NAMES, required=False, default=()),
         "after": Argument(Kind.VALUE, required=False),
     }
     outputs = frozenset({"plan", "arc_centre", "clearance", "limit_margin", "duration"})
@@ -63,6 +64,7 @@ class PlanActivity(Activity):
                 keep=list(values["keep"]),
                 joints=list(values["joints"]),
                 clearance=values["clearance"],
+                relax=list(values["relax"]),
                 after=after,
             )
             record, preview = make_motion(

@@ -29,6 +29,7 @@ states:
       through:
         - goals: [{type: joints, positions: {angle: 0.1}}]
       clearance: 0.02
+      relax: ["goals[0]"]
     transitions:
       - {event: done.invoke.reaching, target: looking_ahead, set: {plan: _event.data.plan}}
       - {event: error.execution, target: failed, set: {why: failure}}
@@ -116,6 +117,7 @@ def test_a_program_plans_to_goals_at_the_instance_that_it_is_bound_to_and_ahead(
     assert first.goals == [m.FrameGoal(instance="wheel_1", feature="turn.approach", pose=m.Pose(), about="z")]
     assert first.through == [m.KeyFrame(goals=joints(angle=0.1))]
     assert (first.arm, first.clearance, second.after) == ("right", 0.02, "plan-1")
+    assert (first.relax, second.relax) == (["goals[0]"], [])
     assert np.allclose(daemon.command, [0.3, -0.1, 0.0])
 
 

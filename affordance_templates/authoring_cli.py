@@ -22,7 +22,7 @@ from handrail.link.keys import KeysError
 from handrail.messages import InstanceState, RobotState
 from handrail.robot import description as robots
 
-_out = Console()
+_out, _err = Console(), Console(stderr=True)
 
 _ConnectTo = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
 _Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
@@ -117,15 +117,18 @@ def save(
 
 
 def instance_of(robot: Client, name: str) -> Instance:
-    """An instance as the robot has it. Raises ValueError for one that is not placed, or of another version of the template."""
+    """An instance of the template as it is here, where the robot has it; a note where the robot has another version of it, as it
+    has once something was recorded. Raises ValueError for one that is not placed, or whose parameters don't fit.
+    """
     states: dict[str, InstanceState] = {state.name: state for state in robot.instances()}
     if name not in states:
         raise ValueError(f"instance: got {name!r}; expected one of {', '.join(states) or 'none: place one first'}")
     state = states[name]
     template = catalogue.load(state.template)
     if template.hash != state.template_hash:
-        raise ValueError(f"{state.template}: the robot has another version of it ({state.template_hash})")
-    return Instance(name, template, state.pose_in_world, state.parameters, state.joint_state, state.version)
+        _err.print(f"{name}: the robot has another version of {state.template}; taken as it is here", highlight=False)
+    parameters = template.values(state.parameters)
+    return Instance(name, template, state.pose_in_world, parameters, state.joint_state, state.version)
 
 
 def _tip(robot: Client, arm: str) -> tuple[robots.Arm, np.ndarray]:

@@ -72,6 +72,12 @@ class Features:
         return f"{name}({', '.join(file.arguments)})" if file.arguments else name
 
     def _frame(self, reference: Reference, posed: Posed) -> Array:
+        known = posed.features
+        if reference not in known:
+            known[reference] = self._found(reference, posed)
+        return known[reference]
+
+    def _found(self, reference: Reference, posed: Posed) -> Array:
         name = reference.name
         file, field, numbers = self._files[name], f"features.{name}", self._numbers
         names = self._with_values(reference, file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -48,12 +49,16 @@ class Numbers:
 
     def vector(self, field: str, texts: Triple, names: Names) -> Array:
         """(3,)"""
+        if type(texts[0]) is not str and type(texts[1]) is not str and type(texts[2]) is not str:
+            constant = np.array(texts, float)
+            if math.isfinite(float(constant.sum())):
+                return constant
         return np.array([self.number(f"{field}[{k}]", text, names) for k, text in enumerate(texts)])
 
     def direction(self, field: str, texts: Triple, names: Names) -> Array:
         """(3,) unit vector"""
         vector = self.vector(field, texts, names)
-        length = float(np.linalg.norm(vector))
+        length = math.sqrt(float(vector @ vector))
         if length < 1e-9:
             raise self.document.error(field, f"got {vector.tolist()}; expected a vector with a direction")
         return vector / length

@@ -33,7 +33,14 @@ from affordance_templates.template_schema import (
 from affordance_templates.tree import Tree
 from handrail.config import ConfigError
 
-_USUAL = ToleranceFile()
+
+def _usual(turns_freely: bool) -> Tolerance:
+    """What a waypoint has that says none: 1 cm, 2°."""
+    return _TURNING if turns_freely else _USUAL
+
+
+_USUAL = Tolerance(np.full(3, 0.01), np.full(3, math.radians(2)))
+_TURNING = Tolerance(np.full(3, 0.01), np.array([math.radians(2), math.radians(2), math.pi]))
 
 
 @dataclass(frozen=True)
@@ -121,7 +128,9 @@ class Trajectories:
             speed=None if file.speed is None else numbers.positive(f"{field}.speed", file.speed, names),
             hand_pose=file.hand_pose,
             tool=numbers.vector(f"{field}.tool", file.tool, names),
-            tolerance=self._tolerance(f"{field}.tolerance", file.tolerance or _USUAL, names, turns_freely),
+            tolerance=_usual(turns_freely)
+            if file.tolerance is None
+            else self._tolerance(f"{field}.tolerance", file.tolerance, names, turns_freely),
             stance=None if file.stance is None else self._stance(f"{field}.stance", file.stance, names),
             reference=reference,
         )

@@ -94,6 +94,8 @@ class Posed:
         self._numbers = tree._numbers
         self._frames: dict[str, Array | None] = {"": np.eye(4)}
         self._known_joints: dict[str, ResolvedJoint] = {}
+        self.features: dict[object, Array] = {}
+        """frames of features that were asked for, by their references"""
 
     @property
     def object_names(self) -> list[str]:

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from affordance_templates import catalogue, template_file
 from affordance_templates.authoring import Draft, recorded, saved_as, written
+from affordance_templates.authoring_cli import instance_of
 from affordance_templates.binding import bind
 from affordance_templates.instance import Instance
 from affordance_templates.placement import placed, rotation_of, to_message
 from handrail.config import ConfigError
-from handrail.messages import Pose
+from handrail.messages import InstanceState, Pose
 from handrail.robot import description as robots
 
 
@@ -85,7 +86,7 @@ def test_what_is_not_there_can_not_be_edited(cabinet, edit, says):
     buttons=st.integers(1, 6),
     at=st.tuples(*[st.floats(-1, 1)] * 3),
 )
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_an_instance_saved_as_a_template_and_read_again_is_the_same(tmp_path, cabinet, width, swing, buttons, at):
     instance = Instance("it", cabinet, Pose(position=at), {"width": width, "swing": swing, "buttons": float(buttons)})
     file = tmp_path / "again.yaml"
@@ -105,7 +106,7 @@ def test_an_instance_saved_as_a_template_and_read_again_is_the_same(tmp_path, ca
     rpy=st.tuples(*[st.floats(-math.pi, math.pi)] * 3),
     frame=st.sampled_from(["", "handle", "edge(0.1)", "button[2]"]),
 )
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_recorded_waypoint_brings_the_tip_back_to_where_it_was(cabinet, robot, xyz, rpy, frame):
     instance = Instance(
         "it", cabinet, to_message(placed(np.array([0.5, 0.1, 0.2]), rotation_of(np.array([0, 0, 0.4]))))
@@ -115,6 +116,33 @@ def test_a_recorded_waypoint_brings_the_tip_back_to_where_it_was(cabinet, robot,
     draft.add_waypoint("taught", recorded(instance, robot.arms["arm"], tip, name="here", frame=frame, hand_pose="open"))
     taught = Instance("it", draft.checked(), instance.pose_in_world)
     assert bind(taught, "taught", robot, {}).waypoints[0].tip_in_world == pytest.approx(tip, abs=1e-4)
+
+
+class _Placed:
+    """A robot with one door."""
+
+    def __init__(self, template_hash: str, **parameters: float):
+        given = {
+            "name": "d",
+            "template": "door",
+            "template_hash": template_hash,
+            "version": 1,
+            "joint_state": {"hinge": 0.2},
+        }
+        self._state = InstanceState(**given, pose_in_world=Pose(position=(1, 2, 3)), parameters=parameters)
+
+    def instances(self):
+        return [self._state]
+
+
+def test_a_waypoint_more_is_recorded_of_an_instance_whose_template_has_one_more_already(capsys):
+    taken = instance_of(_Placed("before", width=0.5), "d")
+    assert taken.pose_in_world.position == (1, 2, 3) and taken.resolve().joints["hinge"].position == 0.2
+    assert taken.parameters["width"] == 0.5 and "another version of door" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="width: got 9 m; expected"):
+        instance_of(_Placed("before", width=9.0), "d")
+    with pytest.raises(ValueError, match="got 'e'; expected one of d"):
+        instance_of(_Placed("before"), "e")
 
 
 def test_a_new_file_is_written_so_that_people_can_read_it():

@@ -22,6 +22,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from benchmarks import nodes
 from benchmarks.deploying import deploying
 from benchmarks.peers import environment
 from benchmarks.rows import Row
@@ -118,7 +119,7 @@ def one_line() -> list[Row]:
     return deploying(ROBOT, text, text.replace("title: Step 100\n", "title: Step 100, once more\n"))
 
 
-MEASURED: tuple[Callable[[], list[Row]], ...] = (loading, reaction, one_line)
+MEASURED: tuple[Callable[[], list[Row]], ...] = (loading, reaction, one_line, nodes.rows)
 
 
 def long_program(states: int) -> str:

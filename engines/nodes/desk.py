@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
+from engines.nodes import library
 from engines.nodes.failure import NodeFailed
 from engines.nodes.keeper import NodeKeeper
 from handrail import messages as m
@@ -18,6 +19,8 @@ def answers(
     """Call → what answers it. What may take long does so beside the caller (`in_thread`)."""
 
     def start(call: m.StartNode) -> m.NodeState:
+        if call.node not in (known := library.files()):  # no file of the robot's disk: code comes by deployment
+            raise ValueError(f"node: got {call.node!r}; expected one of {', '.join(sorted(known)) or 'none'}")
         process = nodes.start(call.node, call.name, call.params)
         name = call.name or call.node
         try:

@@ -52,8 +52,8 @@ _KINDS = {
         "affordance_templates",
         "library",
         "wheel",
-        "handrail program list",
-        "docs/architecture.md",
+        "handrail template check {name}",
+        "docs/templates.md",
     ),
     "controller": _Kind(
         "controllers",

@@ -19,6 +19,7 @@ class StartNode(Message):
     """what to call it, where the node's own name is taken"""
     params: dict[str, Any] = {}
     inputs: dict[str, Any] = {}
+    engine: str = ""
 
 
 @travels(priority=2, remote=True)
@@ -26,6 +27,7 @@ class StopNode(Message):
     """End a node that was started by `StartNode`."""
 
     name: Name
+    engine: str = ""
 
 
 @travels(priority=2, remote=True)
@@ -37,6 +39,7 @@ class PutNode(Message):
     params: dict[str, Any] = {}
     step: bool = False
     """one step follows (of a node that does not step by itself)"""
+    engine: str = ""
 
 
 @travels(priority=2, remote=True)
@@ -44,11 +47,14 @@ class ReloadNode(Message):
     """Go on in the node's file as it is now, between two calls; refused, and it goes on as it was, where that can't run."""
 
     name: Name
+    engine: str = ""
 
 
 @travels(priority=2, remote=True)
 class GetNodes(Message):
     """Which nodes run?"""
+
+    engine: str = ""
 
 
 @travels(priority=2, remote=True)
@@ -61,6 +67,7 @@ class WatchPort(Message):
     """Hz at most: of more values, the newest when its turn comes"""
     lasts: Annotated[float, Meta(gt=0, le=60)] = 10.0
     """s of wall time"""
+    engine: str = ""
 
 
 class NodePort(msgspec.Struct, kw_only=True):

@@ -9,7 +9,18 @@ import pytest
 
 from handrail import engines
 from handrail.client import connect
-from handrail.messages import AnswerPrompt, EngineCall, EngineInfo, Engines, GetEngines, PauseRun, Prompt, StopRun
+from handrail.messages import (
+    AnswerPrompt,
+    EngineCall,
+    EngineInfo,
+    Engines,
+    GetEngines,
+    GetNodes,
+    Ok,
+    PauseRun,
+    Prompt,
+    StopRun,
+)
 from handrail.topics import RefusedError
 
 
@@ -37,6 +48,8 @@ def test_calls_go_to_the_engine_that_they_name(two, stand):
     first, vision, client, _ = two
     client.pause_run()
     client.at("vision").stop_run()
+    assert client.at("vision").call(GetNodes()) == Ok()
+    assert asked(vision, GetNodes) == [GetNodes(engine="vision")]
     with connect(f"{stand.address}/vision", stand.keys, timeout_s=30) as direct:
         direct.pause_run()
     assert (asked(first, PauseRun), asked(first, StopRun)) == ([PauseRun()], [])

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
+from daemon.controllers.frame_room import damped_inverse, frame_room
 from daemon.controllers.references import LinePath, PathClock, placement
 from daemon.exchange import CartesianMotion, TaskFrameMotion
 from daemon.state.robot_state import FramePose, RobotState
@@ -17,7 +18,6 @@ _SPRING_TURN = 0.5
 """rad: likewise"""
 _FOLLOW_RATE = 20.0
 """1/s at which the commanded joints close in on the commanded frame"""
-_JACOBIAN_DAMPING = 0.05
 _LOOK_AHEAD = 0.02
 """s: a joint that would be at its limit then stands"""
 
@@ -49,6 +49,16 @@ class CartesianImpedance(MotionController):
         start = robot.commanded_frame(self._frame)
         self._line = LinePath(start.rotation, start.translation, self.goal(start), self._duration)
         self._position = last.position[self.joints].copy()
+        self.clock.room = lambda: self._room(robot)
+
+    def _room(self, robot: RobotState) -> tuple[float, float]:
+        """Of the joints' limits, what the line leaves for a change of the clock's rate; compliance and dither left out."""
+        assert self._line is not None, "activate comes before update"
+        description, rows = robot.kinematics.description, self.joints
+        limits = np.array((description.acceleration_limit[rows], description.jerk_limit[rows]))
+        position = robot.joints.position.copy()
+        position[rows] = self._position
+        return frame_room(self._line, self.clock.s, robot.kinematics, self._frame, rows, position, limits)
 
     def goal(self, start: FramePose) -> pin.SE3:
         """Where the line leads from `start`."""
@@ -65,7 +75,7 @@ class CartesianImpedance(MotionController):
         rotation, translation, twist = self.reference(robot)
         measured, commanded = robot.frame(self._frame), robot.commanded_frame(self._frame)
         jacobian = robot.jacobian(self._frame)[:, self.joints]
-        inverse = _damped_inverse(jacobian)
+        inverse = damped_inverse(jacobian)
 
         drift = _pose_error(rotation, translation, commanded.rotation, commanded.translation)
         velocity = self._within_limits(jacobian, inverse, twist + _FOLLOW_RATE * drift, robot)
@@ -89,16 +99,9 @@ class CartesianImpedance(MotionController):
             (ahead > description.upper[rows]) & (velocity > 0)
         )
         if blocked.any():
-            velocity = _damped_inverse(np.where(blocked, 0.0, jacobian)) @ twist
+            velocity = damped_inverse(np.where(blocked, 0.0, jacobian)) @ twist
         most = description.velocity_limit[rows]
         return np.clip(velocity, -most, most)
-
-
-def _damped_inverse(jacobian: Array) -> Array:
-    """Jᵀ (J Jᵀ + λ² I)⁻¹, (m, 6)."""
-    normal = jacobian @ jacobian.T
-    normal.flat[::7] += _JACOBIAN_DAMPING**2
-    return np.asarray(np.linalg.solve(normal, jacobian).T, np.float64)
 
 
 def _pose_error(rotation_to: Array, translation_to: Array, rotation: Array, translation: Array) -> Array:

@@ -20,13 +20,13 @@ from handrail.messages import Pose
 
 Array = NDArray[np.float64]
 
-_MAX_RATE_CHANGE = 5.0
+MAX_RATE_CHANGE = 5.0
 """1/s"""
-_MAX_RATE_JERK = 60.0
+MAX_RATE_JERK = 60.0
 """1/s²"""
 LEAST_ROOM = 0.25
 """of the limits that a change of rate may use where the path uses them up itself: it must come to a stand all the same"""
-_HORIZON = 1.0
+HORIZON = 1.0
 """s of a path that a change of rate has to look at: with the least room it takes less, by the usual limits"""
 SLOWEST = 0.1
 """share of the planned speed that an operator may ask for, at least"""
@@ -47,7 +47,7 @@ class PathClock:
         self._ruckig = Ruckig(1, period)
         self._input, self._output = InputParameter(1), OutputParameter(1)
         self._input.control_interface = ControlInterface.Velocity
-        self._input.max_acceleration, self._input.max_jerk = [_MAX_RATE_CHANGE], [_MAX_RATE_JERK]
+        self._input.max_acceleration, self._input.max_jerk = [MAX_RATE_CHANGE], [MAX_RATE_JERK]
         self._input.current_acceleration = [0.0]
         self._steady = True
 
@@ -82,8 +82,8 @@ class PathClock:
             self._input.current_velocity, self._input.current_acceleration = [self.rate], [0.0]
         if self.room is not None:
             change, jerk = self.room()
-            self._input.max_acceleration = [min(change, _MAX_RATE_CHANGE)]
-            self._input.max_jerk = [min(jerk, _MAX_RATE_JERK)]
+            self._input.max_acceleration = [min(change, MAX_RATE_CHANGE)]
+            self._input.max_jerk = [min(jerk, MAX_RATE_JERK)]
         self._target, self._steady = rate, False
         self._input.target_velocity = [rate]
 
@@ -212,7 +212,7 @@ def hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
 @compiled
 def _room(at, knots, limits):  # type: ignore[no-untyped-def]
     m = (knots.shape[1] - 1) // 2
-    until = knots[at, 0] + _HORIZON
+    until = knots[at, 0] + HORIZON
     most = np.zeros((3, m))  # of each joint's velocity, acceleration and jerk by s
     for k in range(at, knots.shape[0] - 1):
         if knots[k, 0] > until:
@@ -225,7 +225,7 @@ def _room(at, knots, limits):  # type: ignore[no-untyped-def]
             hard = max(abs(6.0 * slope - 4.0 * v0 - 2.0 * v1), abs(2.0 * v0 + 4.0 * v1 - 6.0 * slope)) * per
             most[1, j] = max(most[1, j], hard)
             most[2, j] = max(most[2, j], 6.0 * abs(v0 + v1 - 2.0 * slope) * per * per)
-    change, jerk = _MAX_RATE_CHANGE, _MAX_RATE_JERK
+    change, jerk = MAX_RATE_CHANGE, MAX_RATE_JERK
     for j in range(m):
         change = min(change, max(limits[0, j] - most[1, j], LEAST_ROOM * limits[0, j]) / (most[0, j] + 1e-12))
     for j in range(m):
@@ -251,6 +251,17 @@ class LinePath:
         slope = 30.0 * u * u * (1.0 - u) ** 2 / self.length
         rotation = self.rotation @ pin.exp3(share * self.turn)
         return rotation, self.translation + share * self.shift, slope * self.shift, rotation @ (slope * self.turn)
+
+    def shares(self, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Of (k,) s: how much of the way has been gone, 0 to 1, and that share's first three derivatives by s."""
+        u = np.clip(s / self.length, 0.0, 1.0)
+        share, slope = u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2 / self.length
+        bend = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / self.length**2
+        return share, slope, bend, 60.0 * (1.0 - 6.0 * u + 6.0 * u * u) / self.length**3
+
+    def twist(self, s: float) -> Array:
+        """(6,) m and rad, world axes: the whole way, as a frame's velocity is it times the share's slope, at `s`."""
+        return np.concatenate((self.shift, self.evaluate(s)[0] @ self.turn))
 
 
 def placement(pose: Pose) -> pin.SE3:

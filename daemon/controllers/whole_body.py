@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController, NotStandingError
+from daemon.controllers.frame_room import frame_room, least
 from daemon.controllers.references import HermitePath, LinePath, PathClock, placement
 from daemon.state.robot_state import RobotState
 from daemon.wbc import moving
@@ -79,9 +80,13 @@ class WholeBodyControl(MotionController):
         drives = np.array((motion.stiffness * gains.stiffness, motion.damping * gains.damping))
         self._drives = np.ascontiguousarray(drives[:, self.joints])
         self._streams: dict[str, StreamedPose] = {}
+        self._lines: list[tuple[str, LinePath]] = []
+        self._knots: list[HermitePath] = []
+        """trajectories among the references, of frames and of postures"""
         tasks = [task for level in compound.levels for task in level]
         framed = [task for task in tasks if isinstance(task, CartPos | QuaternionOrientation | SE3)]
         self._handles = [self.body[task.title] for task in framed]
+        self._frames = {task.title: task.frame for task in framed}
         self._leashes = Leashes(self.body, [], [], self.clock, REACH, TURN)
         self._by_frame = {
             task.frame: (place, task) for place, task in enumerate(framed) if isinstance(task, CartPos | SE3)
@@ -110,7 +115,9 @@ class WholeBodyControl(MotionController):
         else:
             self._model.place(last.position, still)
         self.body.start_here()
+        self._lines, self._knots = [], []
         references = [self._reference(reference, robot, last) for reference in self._motion.references]
+        self.clock.room = lambda: self._room(robot)
         references += [
             Over(self.body[task.title], self._model, task.over, self._period)
             for level in self._compound.levels
@@ -134,6 +141,14 @@ class WholeBodyControl(MotionController):
         solved = (self._solution, self._rows, *self._easing.arguments)
         moving.tell(output.desired, *output.settings, *solved, *told)
 
+    def _room(self, robot: RobotState) -> tuple[float, float]:
+        """Of the joints' limits, what the trajectories leave for a change of the clock's rate, each as if followed exactly."""
+        description, rows = robot.kinematics.description, self.joints
+        limits = np.array((description.acceleration_limit, description.jerk_limit))
+        place = (rows, robot.joints.position, limits[:, rows])
+        lines = [frame_room(path, self.clock.s, robot.kinematics, frame, *place) for frame, path in self._lines]
+        return least([*lines, *(path.room(limits) for path in self._knots)])
+
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
         stream = self._streams.get(task)
         return stream is not None and stream.receive(position, orientation, velocity)
@@ -152,6 +167,7 @@ class WholeBodyControl(MotionController):
                 position, rotation = (part.copy() for part in handle.reference)
                 goal = _goal(reference.goal, handle, reference.shift)
                 path = LinePath(rotation, position, goal, reference.duration)
+                self._lines.append((self._frames[reference.task], path))
                 return FrameTrajectory(handle, path, self._period, self.clock)
             case m.PostureKnots():
                 joints = robot.kinematics.description.index(tuple(reference.joints))
@@ -159,6 +175,7 @@ class WholeBodyControl(MotionController):
                 speeds = np.zeros_like(knots)
                 knots[:, joints], speeds[:, joints] = reference.positions, reference.velocities
                 through = HermitePath(np.array(reference.times), knots, speeds)
+                self._knots.append(through)
                 return JointTrajectory(handle, through, len(last.position), self._period, self.clock)
             case m.PoseStream():
                 stream = StreamedPose(

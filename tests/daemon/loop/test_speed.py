@@ -130,6 +130,29 @@ def test_a_tools_line_is_slowed_down_stopped_and_gone_on_with_within_the_joints_
     assert reached == pytest.approx(there, abs=2e-3)
 
 
+@pytest.mark.parametrize("looks_ahead", [True, False])
+def test_a_line_that_uses_up_the_joints_limits_slows_down_within_them_since_its_clock_looks_at_what_it_leaves(
+    enabled: Any, talos_kinematics: Any, looks_ahead: bool
+) -> None:
+    bench, of = enabled, enabled.description
+    tip = talos_kinematics.frame(bench.loop.written.position, "tool_right_tip")
+    there = tip.translation + np.array([0.1, -0.08, 0.1])
+    goal = Pose(position=tuple(there.tolist()), orientation=tuple(pin.Quaternion(tip.rotation).coeffs().tolist()))
+    right = list(of.arms["right"].joints)
+    line = CartesianImpedance(frame="tool_right_tip", joints=right, goal_in_world=goal, duration=0.4)
+    serial = bench.post_start(line)
+    told: list[np.ndarray] = []
+    record(bench, 60, [])
+    if not looks_ahead:
+        bench.loop.actions.running()[0].controller.clock.room = None
+    bench.post(Kind.PAUSE, action=serial)
+    record(bench, 200, told)
+    assert bench.action()[0] is not ActionState.ENDED
+    _, acceleration, jerk = rates(told)
+    within = (acceleration <= of.acceleration_limit).all() and (jerk <= 1.02 * of.jerk_limit).all()
+    assert within == looks_ahead
+
+
 def test_no_change_of_speed_makes_the_torque_jump_more_than_the_motion_does(enabled: Any) -> None:
     bench, told = enabled, []
     bench.post_start(reach(bench))

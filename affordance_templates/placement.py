@@ -70,6 +70,12 @@ def shortest_turn(start: Sequence[float], end: Array) -> Array:
     return np.eye(3) + cross + cross @ cross / (1 + cosine)
 
 
+def turn_between(here: Array, there: Array) -> float:
+    """rad from one placement's orientation to the other's."""
+    cosine = (float(np.trace(here[:3, :3].T @ there[:3, :3])) - 1.0) / 2.0
+    return math.acos(min(1.0, max(-1.0, cosine)))
+
+
 def pointing(direction: Array, across: Array | None = None) -> Array:
     """(3, 3) of a hand that points along `direction` (−z), its y as nearly along `across` as that allows; without: by the shortest
     turn. Raises ValueError where both are parallel.

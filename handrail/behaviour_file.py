@@ -60,6 +60,9 @@ class _File(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 class BehaviourFile:
     """A behaviour that was read from a file."""
 
+    hoped = "done"
+    """the outcome that who rehearses it takes for granted"""
+
     def __init__(self, file: Path | str, part: Part | None = None):
         """`part`: stands for the frame and the joints that the file leaves open. Raises ConfigError with file, line, field and
         expectation.

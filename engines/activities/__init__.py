@@ -8,10 +8,12 @@ from engines.activities.base import Activity
 from engines.activities.behave import BehaveActivity
 from engines.activities.control import ControlActivity
 from engines.activities.execute import ExecuteActivity
+from engines.activities.hand import HandActivity
 from engines.activities.node import NodeActivity
 from engines.activities.plan import PlanActivity
 from engines.activities.prompt import PromptActivity
 from engines.activities.retreat import RetreatActivity
+from engines.activities.trajectory import TrajectoryActivity
 
 ACTIVITIES: Mapping[str, type[Activity]] = {
     "plan": PlanActivity,
@@ -21,4 +23,6 @@ ACTIVITIES: Mapping[str, type[Activity]] = {
     "behave": BehaveActivity,
     "control": ControlActivity,
     "node": NodeActivity,
+    "hand": HandActivity,
+    "trajectory": TrajectoryActivity,
 }

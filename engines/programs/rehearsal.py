@@ -30,10 +30,10 @@ from engines.programs.deployment import Deployed
 from engines.programs.program import State
 from engines.programs.statechart import Chart
 from engines.runs.clock import RunClock
-from engines.runs.motion import Motion
+from engines.runs.motion import Behaviour, Motion
 from engines.runs.prompts import Prompts
 from handrail import workspace
-from handrail.behaviour_file import BehaviourFile, Robot
+from handrail.behaviour_file import Robot
 from handrail.messages import (
     ActionEvent,
     AnswerPrompt,
@@ -115,24 +115,24 @@ class _Motion:
 
     def run(
         self, motion: MotionMessage, ends: Sequence[EndCondition], cancelled: threading.Event, *, what: str = "motion",
-        still: Callable[[], str] = lambda: "", meanwhile: Callable[[str], None] | None = None,
+        still: Callable[[], str] = lambda: "", meanwhile: Callable[[str], None] | None = None, hoped: str = "done",
     ) -> ActionEvent:  # fmt: skip
         if isinstance(motion, JointTrajectory):
             self._stage.go(self._description.index(motion.joints), np.array(motion.positions[-1]))
         else:
             self.guessed = True
-        return self._ended()
+        return self._ended(hoped)
 
     def run_behaviour(
-        self, behaviour: BehaviourFile, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
+        self, behaviour: Behaviour, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
     ) -> ActionEvent:
         self.guessed = True
-        return self._ended()
+        return self._ended(behaviour.hoped)
 
-    def _ended(self) -> ActionEvent:
+    def _ended(self, outcome: str = "done") -> ActionEvent:
         position = self._stage.command().tolist()
         return ActionEvent(
-            id="rehearsal", state="ended", outcome="done", time_ns=0, cycle=0, position=position, command=position
+            id="rehearsal", state="ended", outcome=outcome, time_ns=0, cycle=0, position=position, command=position
         )
 
     def interrupt(self) -> None:

@@ -13,13 +13,13 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Protocol, get_args
 
 import msgspec
 
 from engines.daemon_client import DaemonClient
 from engines.runs.parts import Parts, meet
-from handrail.behaviour_file import BehaviourFile, Robot
+from handrail.behaviour_file import Robot
 from handrail.messages import (
     NOT_READY,
     NOT_STANDING,
@@ -91,6 +91,17 @@ class _Running:
     """why it was cancelled instead of resumed"""
 
 
+class Behaviour(Protocol):
+    """A chain of motions, as `handrail.behaviour_file.BehaviourFile` reads it."""
+
+    @property
+    def hoped(self) -> str:
+        """the outcome that who rehearses it takes for granted"""
+
+    def call(self, action: str, owner: str, robot: Robot) -> StartBehaviour: ...
+    def expected(self, step: str, outcome: str) -> bool: ...
+
+
 class Motion:
     """Runs actions for one run; every method may be called from any thread."""
 
@@ -128,12 +139,14 @@ class Motion:
         what: str = "motion",
         still: Callable[[], str] = _always,
         meanwhile: Callable[[str], None] | None = None,
+        hoped: str = "done",
     ) -> ActionEvent:
         """Run one action and wait for its end.
 
         :param cancelled: set it and call `interrupt` to end the action early
         :param still: why the motion may not be run any more, in words, empty while it may: asked right before it starts, however
             long a pause kept it waiting, and again before a pause of it ends
+        :param hoped: the outcome that a rehearsal takes for granted
         :param meanwhile: called with the action's id twenty times a second while it runs
         :return: its last event; the outcome is `done` or the name of the end condition that tripped
         :raises MotionFailed: where it could not start, or ended otherwise; `stale` where `still` said why
@@ -144,7 +157,7 @@ class Motion:
         return self._run(message, cancelled, what, still, meanwhile=meanwhile)
 
     def run_behaviour(
-        self, behaviour: BehaviourFile, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
+        self, behaviour: Behaviour, robot: Robot, cancelled: threading.Event, *, what: str = "behaviour"
     ) -> ActionEvent:
         """Run a behaviour and wait for its end; what it leads to `end` by itself is an end as planned, too.
 

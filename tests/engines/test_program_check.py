@@ -171,7 +171,7 @@ def test_the_library_finds_a_workspace_before_the_built_in_programs(write, tmp_p
     assert library.load("turn_valve").title == "Try it"
     entries = {each.name: each for each in library.listing().entries}
     assert "broken.yaml:12: states.planning.do" in entries["broken"].problem
-    with pytest.raises(ConfigError, match="expected one of broken, follow, press, stand_and_reach, turn_valve"):
+    with pytest.raises(ConfigError, match=r"expected one of broken, follow, .*, turn_valve"):
         library.load("dig_hole")
 
 

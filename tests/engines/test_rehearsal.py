@@ -122,7 +122,7 @@ def test_a_program_is_checked_without_anything_that_runs_and_the_first_infeasibl
     assert bad.exit_code == 1
     assert "not feasible: planning: no plan for turn at valve with the right arm" in bad.output
     nowhere = CliRunner().invoke(cli.app, [*asked, "--scene", "vavle"])
-    assert nowhere.exit_code == 1 and "expected a file, or one of empty, valve" in nowhere.output
+    assert nowhere.exit_code == 1 and "expected a file, or one of box, " in nowhere.output
 
 
 def test_time_that_a_task_waits_for_goes_by_at_once(stack, deploy, monkeypatch):

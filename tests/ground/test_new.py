@@ -58,7 +58,7 @@ def test_any_that_is_there_may_be_the_start(own: Path) -> None:
         (("program", "press"), "press.yaml: is there already"),
         (
             ("program", "mine", "--like", "dig"),
-            "--like dig: no such program; expected one of follow, press, stand_and_reach, turn_valve",
+            "--like dig: no such program; expected one of follow, ",
         ),
         (("controller", "mine", "--like", "base"), "--like base: no such controller; expected one of gravity_"),
         (("workspace", "."), ".: is there and not empty"),

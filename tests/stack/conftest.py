@@ -38,14 +38,14 @@ def free_port() -> int:
 class Stack:
     """A running robot service and what tests ask of it."""
 
-    def __init__(self, folder: Path, *, clock: str = "lockstep", scene: str = "valve"):
+    def __init__(self, folder: Path, *, clock: str = "lockstep", scene: str = "valve", robot: str = "talos_upper"):
         self.runtime = Runtime.at(folder)
         self.port = free_port()
         self.output: list[str] = []
         self._heard = threading.Condition()
         self.process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "handrail.cli", "up", "talos_upper", "--scene", scene, "--clock", clock),
+                *(sys.executable, "-m", "handrail.cli", "up", robot, "--scene", scene, "--clock", clock),
                 *("--runtime", str(folder), "--port", str(self.port), "--no-camera"),
             ],
             stdout=subprocess.PIPE,

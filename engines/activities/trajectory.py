@@ -1,0 +1,260 @@
+"""`do: trajectory`: an arm and its hand go along a template's trajectory, one waypoint after the other.
+
+Free ways are planned, clear of everything. The last bit to an object, on a line or until a force is felt, is a compliant motion of
+the control loop, which gives way where the object is not quite where the template is; so is a push along a joint. What is held goes
+along its joint on a plan.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from affordance_templates.binding import BoundWaypoint, bind
+from affordance_templates.instance import Instance
+from affordance_templates.placement import Array, of_message, placed, shortest_turn, to_message, turn_between
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.execute import execute
+from engines.activities.hand import shape_hand
+from engines.runs.motion import MotionFailed
+from handrail.messages import (
+    Along,
+    Compliance,
+    CompliantMotion,
+    ContactEnd,
+    EndCondition,
+    PlanMotion,
+    Pose,
+    TravelEnd,
+)
+from handrail.robot.description import Arm
+from handrail.topics import RefusedError
+
+_SPEED, _TURN = 0.10, 0.8
+"""m/s, rad/s on lines whose waypoint names no speed"""
+_LEAST_S = 0.3
+_BEYOND = 0.03
+"""m that a guarded way goes on past its waypoint: the object may stand a little further away"""
+_HERE, _TURNED = 0.001, 0.01
+"""m, rad: a hand so near is there"""
+_PRESS_S = 3.0
+"""for which a push along a joint goes on, if its waypoint names no duration"""
+_CLOSED = "closed"
+"""the hand pose that takes hold"""
+
+
+class TrajectoryActivity(Activity):
+    """Goes along the waypoints of an instance's trajectory, all or `first` to `last`, either one left out for the trajectory's own.
+
+    The `way` backwards comes from the last one, and at each waypoint the hand gets the shape that it had before it: what a way in
+    took hold of, the way back puts down. Done with the `waypoint` that it ended at, whether the hand `holds` something, and
+    `moved`, rad or m that it moved the last joint by.
+    """
+
+    arguments = {
+        "instance": Argument(Kind.INSTANCE),
+        "trajectory": Argument(Kind.TEXT),
+        "arm": Argument(Kind.ARM),
+        "first": Argument(Kind.TEXT, required=False, default=""),
+        "last": Argument(Kind.TEXT, required=False, default=""),
+        "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
+    }
+    outputs = frozenset({"waypoint", "holds", "moved"})
+
+    def run(self) -> dict[str, Any]:
+        instance = self._asked()
+        self._holds, self._moved = False, 0.0
+        waypoints = self._chosen(instance)
+        for waypoint in waypoints:
+            try:
+                self._reach(instance, waypoint)
+                if waypoint.fingers:
+                    self._shape(waypoint)
+            except ActivityFailed as failed:
+                raise ActivityFailed(failed.reason, f"{waypoint.waypoint.name}: {failed}") from failed
+        return {"waypoint": waypoints[-1].waypoint.name, "holds": self._holds, "moved": self._moved}
+
+    def cancel(self) -> None:
+        super().cancel()
+        self.context.motion.interrupt()
+
+    def _asked(self) -> Instance:
+        try:
+            return self.services.affordances.get(self.values["instance"])
+        except RefusedError as refused:
+            raise ActivityFailed("refused", str(refused)) from refused
+
+    def _chosen(self, instance: Instance) -> Sequence[BoundWaypoint]:
+        """The waypoints to go to, in order, for the arm."""
+        name, arm = self.values["trajectory"], self.values["arm"]
+        found = instance.resolve().trajectories.get(name)
+        if found is not None and found.entry is not None:
+            raise ActivityFailed(
+                "refused", f"trajectory: {name} is a stroke, whose entry is planned; expected do: plan and do: execute"
+            )
+        try:
+            hands = {} if found is None else {found.hand: arm}
+            waypoints = bind(instance, name, self.services.description, hands).waypoints
+        except ValueError as problem:
+            raise ActivityFailed("refused", str(problem)) from problem
+        names = [waypoint.waypoint.name for waypoint in waypoints]
+        ends = []
+        for field, usual in (("first", names[0]), ("last", names[-1])):
+            wanted = self.values[field] or usual
+            if wanted not in names:
+                raise ActivityFailed(
+                    "refused", f"{field}: {name} has no waypoint {wanted!r}; expected one of {', '.join(names)}"
+                )
+            ends.append(names.index(wanted))
+        if ends[0] > ends[1]:
+            raise ActivityFailed(
+                "refused", f"last: {names[ends[1]]} comes before {names[ends[0]]}; expected it or one behind it"
+            )
+        chosen = waypoints[ends[0] : ends[1] + 1]
+        return backwards(chosen) if self.values["way"] == "backwards" else chosen
+
+    # ------------------------------------------------------------------------------------------------------ one waypoint
+
+    def _reach(self, instance: Instance, waypoint: BoundWaypoint) -> None:
+        asked = waypoint.waypoint
+        if asked.approach == "free":
+            self._planned(PlanMotion(goals=[waypoint.goal()], arm=self.values["arm"]))
+        elif asked.approach != "along":
+            self._straight(waypoint)
+        elif waypoint.force_in_world is not None and instance.resolve().joints[asked.joint].kind == "prismatic":
+            self._push(instance, waypoint)
+        else:
+            by = float(asked.to)
+            along = Along(instance=instance.name, joint=asked.joint, by=by, frame=self._arm.tip)
+            self._planned(PlanMotion(goals=[], along=along, arm=self.values["arm"]))
+            self._moved = by
+
+    def _planned(self, call: PlanMotion) -> None:
+        """Plan it and run it to its end."""
+        from engines.plans.making import make_motion  # which imports this package
+
+        self.services.daemon.hold_time(self.context.hold_s)
+        record, preview = make_motion(
+            self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
+        )
+        self.context.notes.planned(preview)
+        ended = execute(self.services, self.context.motion, record, (), self.cancelled)
+        if ended["outcome"] != "done":
+            raise ActivityFailed("guarded", f"it was ended by {ended['outcome']} in {ended['segment']}")
+
+    def _straight(self, waypoint: BoundWaypoint) -> None:
+        asked, here, there = waypoint.waypoint, self._hand(), waypoint.tip_in_world.copy()
+        if waypoint.tolerance.rotation[2] >= math.pi:  # turning about where it points is free: no more than it must
+            there[:3, :3] = shortest_turn(here[:3, 2].tolist(), there[:3, 2]) @ here[:3, :3]
+        way = there[:3, 3] - here[:3, 3]
+        length, angle = float(np.linalg.norm(way)), turn_between(here, there)
+        force = waypoint.force_in_world
+        if length < _HERE and angle < _TURNED and force is None:
+            return
+        ends: list[EndCondition] = []
+        if asked.until is not None:
+            there[:3, 3] += _BEYOND * way / max(length, _HERE)
+            length += _BEYOND
+            ends.append(ContactEnd(frame=self._arm.tip, threshold=asked.until))
+        motion = CompliantMotion(
+            frame=self._arm.tip,
+            joints=list(self._arm.joints),
+            duration=max(length / (asked.speed or _SPEED), angle / _TURN, asked.duration, _LEAST_S),
+            goal_in_world=to_message(there),
+            axes=_axes_along(force),
+            compliance=[] if force is None else [Compliance(axis="x", force=float(np.linalg.norm(force)))],
+        )
+        outcome = self._run(motion, ends, asked.name, "done" if asked.until is None else "contact")
+        if asked.until is not None and outcome == "done":
+            raise ActivityFailed(
+                "met_nothing",
+                f"{asked.until:g} N were not felt until {_BEYOND * 100:g} cm behind where it was to touch",
+            )
+
+    def _push(self, instance: Instance, waypoint: BoundWaypoint) -> None:
+        """Press until what slides has moved as far as it is to."""
+        assert waypoint.force_in_world is not None
+        asked = waypoint.waypoint
+        joint, by = instance.resolve().joints[asked.joint], float(asked.to)
+        direction = instance.rotation @ joint.axis * math.copysign(1.0, by)
+        x, y, z = direction.tolist()
+        size = abs(float(waypoint.force_in_world @ direction))
+        motion = CompliantMotion(
+            frame=self._arm.tip,
+            joints=list(self._arm.joints),
+            duration=asked.duration or _PRESS_S,
+            axes=_axes_along(direction),
+            compliance=[Compliance(axis="x", force=size, speed=asked.speed or 0.0)],
+        )
+        end = TravelEnd(frame=self._arm.tip, distance=abs(by), axis=(x, y, z))
+        if self._run(motion, [end], asked.name, "travel") == "done":
+            raise ActivityFailed(
+                "stuck",
+                f"{asked.joint} has not moved by {abs(by) * 1000:.3g} mm under {size:.3g} N in {motion.duration:g} s",
+            )
+        self._moved = by
+        try:
+            now = self.services.affordances.get(instance.name).resolve().joints[asked.joint].position
+            self.services.affordances.set_joint(instance.name, asked.joint, now + by)
+        except RefusedError as gone:
+            raise ActivityFailed("stale", f"{instance.name} was removed while it was being used") from gone
+
+    def _shape(self, waypoint: BoundWaypoint) -> None:
+        holds = shape_hand(self.context, self.values["arm"], waypoint.fingers, self.cancelled)
+        self._holds = holds and waypoint.waypoint.hand_pose == _CLOSED
+
+    def _run(self, motion: CompliantMotion, ends: list[EndCondition], what: str, hoped: str) -> str:
+        try:
+            return self.context.motion.run(motion, ends, self.cancelled, what=what, hoped=hoped).outcome
+        except MotionFailed as failed:
+            raise ActivityFailed(failed.reason, str(failed)) from failed
+
+    @property
+    def _arm(self) -> Arm:
+        return self.services.description.arms[self.values["arm"]]
+
+    def _hand(self) -> Array:
+        """(4, 4): where the arm's tip is commanded to be now, in the world."""
+        command = self.services.daemon.command()
+        if command is None:
+            raise ActivityFailed("unknown_state", "the daemon has not told where the robot is: is it running?")
+        position, orientation = (each.tolist() for each in self.services.tip_pose(command, self.values["arm"]))
+        return of_message(Pose(position=tuple(position), orientation=tuple(orientation)))
+
+
+def _axes_along(direction: Array | None) -> tuple[float, float, float, float]:
+    """Unit quaternion x, y, z, w of axes whose x points along a direction (3,) of the world; the world's own without one."""
+    if direction is None:
+        return (0.0, 0.0, 0.0, 1.0)
+    turned = shortest_turn((1.0, 0.0, 0.0), direction / np.linalg.norm(direction))
+    return to_message(placed(np.zeros(3), turned)).orientation
+
+
+def backwards(waypoints: Sequence[BoundWaypoint]) -> tuple[BoundWaypoint, ...]:
+    """The same way from its end: to its last waypoint on a line, then each leg as it was gone forwards, without its guards and
+    pushes.
+    """
+    back = []
+    for number in reversed(range(len(waypoints))):
+        here = waypoints[number]
+        leg = waypoints[number + 1].waypoint if number + 1 < len(waypoints) else None
+        approach = "straight" if leg is None or leg.approach == "guarded" else leg.approach
+        held = leg if approach == "along" else None
+        shaped = next((before for before in reversed(waypoints[:number]) if before.fingers), None)
+        waypoint = replace(
+            here.waypoint,
+            approach=approach,
+            joint=held.joint if held else "",
+            to=-float(held.to) if held else 0.0,
+            until=None,
+            force=None,
+            duration=leg.duration if leg else 0.0,
+            speed=leg.speed if leg else None,
+            hand_pose=shaped.waypoint.hand_pose if shaped else "",
+        )
+        back.append(replace(here, waypoint=waypoint, fingers=shaped.fingers if shaped else {}, force_in_world=None))
+    return tuple(back)

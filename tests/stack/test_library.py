@@ -1,0 +1,58 @@
+"""The library's programs on a robot in the plant, whose ground truth is the judge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from handrail.messages import Pose, RunState
+from tests.stack.conftest import Stack
+
+pytestmark = [pytest.mark.stack, pytest.mark.timeout(700)]
+
+TABLE = {"depth": 0.50, "width": 0.60, "height": 0.04}
+"""half of it"""
+SIZE = {"depth": 0.06, "width": 0.05, "height": 0.13}
+
+
+def carried_out(robot, program: str, bindings: Mapping[str, str], **parameters) -> RunState:
+    """A run's end; what it asks is approved."""
+    with robot.events(RunState, timeout_s=30.0) as runs:
+        run = robot.run(robot.deploy(program, bindings, parameters)).run
+        for state in runs:
+            if state.run == run and state.status in ("succeeded", "failed", "stopped"):
+                return state
+    raise AssertionError("the connection was closed")
+
+
+def test_either_hand_picks_a_box_up_and_puts_it_where_it_was_told_and_knows_when_it_has_nothing(start_stack) -> None:
+    stack: Stack = start_stack(scene="boxes", robot="talos_upper_grippers")
+    stack.wait_up()
+    robot = stack.connect()
+    robot.enable(60.0)
+    truth = stack.truth()
+    for arm, side in (("right", -1.0), ("left", 1.0)):
+        there = np.array([0.62, side * 0.42, 0.045])
+        robot.place_instance("box", "box", Pose(position=(0.58, side * 0.30, 0.045)), SIZE)
+        robot.place_instance("place", "box", Pose(position=tuple(there.tolist())), SIZE)
+        robot.place_instance("table", "box", Pose(position=(0.75, side * 0.30, -0.04)), TABLE)
+        bindings = {"arm": arm, "what": "box", "where": "place"}
+        ended = carried_out(robot, "pick_and_place", bindings)
+        assert ended.status == "succeeded", ended.detail
+        now = truth.now().poses_in_world[f"box_{arm}"]
+        assert np.linalg.norm(np.array(now.position) - there) < 0.01, now
+        assert abs(now.orientation[3]) > np.cos(np.deg2rad(5.0) / 2), f"it has fallen over: {now}"
+
+        for instance in ("box", "place", "table"):
+            robot.remove_instance(instance)
+
+    robot.place_instance("box", "box", Pose(position=(0.58, 0.30, 0.045)), SIZE)  # where it is no more
+    robot.place_instance("table", "box", Pose(position=(0.75, 0.30, -0.04)), TABLE)
+    ended = carried_out(robot, "reach", {"arm": "left", "what": "box"})
+    assert ended.status == "succeeded", ended.detail
+    ended = carried_out(robot, "grasp", {"arm": "left", "what": "box"})
+    assert (ended.status, ended.detail) == ("failed", "the hand closed on nothing")
+    ended = carried_out(robot, "home", {"arm": "left"})
+    assert ended.status == "succeeded", ended.detail

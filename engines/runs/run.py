@@ -296,8 +296,12 @@ class ProgramRun:
             self._services.daemon.hold_time(HOLD_S)
         try:
             self._chart.begin()
+            doing = {state.id for state in self._deployed.program.states() if state.file.do not in ("", "program")}
             while (end := self._chart.ended) is False:
-                self._tell(active=self._chart.active(), data=self._data())
+                active = self._chart.active()
+                self._tell(active=active, data=self._data())
+                if doing.isdisjoint(active):  # nothing computes: what it waits for may be time itself
+                    self._services.daemon.release_time()
                 self._chart.step()
             if isinstance(end, State):
                 status, detail = str(end.file.outcome), self._chart.words(end.file.detail)

@@ -320,3 +320,18 @@ def test_a_journal_that_does_not_fit_is_told_and_the_engine_serves(halted, start
     monkeypatch.setattr("engines.engine.ProgramRun", crash)
     assert start().call(m.GetEngine()).run is None
     assert "KeyError" in caplog.text
+
+
+def test_time_that_a_run_waits_for_is_let_go_on(stack, daemon, wait_until, tmp_path, monkeypatch):
+    """In lock-step it stands while a program computes; nobody else would release it where no state does anything."""
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    (tmp_path / "rtc_programs").mkdir()
+    (tmp_path / "rtc_programs" / "wait.yaml").write_text(
+        "title: Wait\nstates:\n"
+        "  waiting: {transitions: [{after: 9999, target: done}]}\n  done: {final: true, outcome: succeeded}\n"
+    )
+    stack.call(m.Run(deployment=stack.call(m.Deploy(program="wait", bindings={})).id))
+    wait_until(lambda: "ReleaseTime" in daemon.kinds())
+    assert stack.call(m.GetEngine()).run.status == "running"
+    stack.call(m.StopRun())
+    assert stack.ended().status == "stopped"

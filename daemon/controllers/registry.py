@@ -6,7 +6,6 @@ from daemon.controllers.base.Controller.
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 import sys
 from collections.abc import Callable
@@ -31,6 +30,7 @@ from daemon.exchange import (
     TaskFrameMotion,
     TrajectoryMotion,
 )
+from handrail import source_module
 
 
 def _prepared(motion: PreparedMotion, gains: Gains, period: float) -> MotionController:
@@ -73,11 +73,9 @@ def find_kind(name: str) -> type[Controller]:
 
 
 def _the_class_in(file: Path) -> type[Controller]:
-    spec = importlib.util.spec_from_file_location(f"workspace_controllers.{file.stem}", file)
-    assert spec is not None and spec.loader is not None, f"{file} ends in .py"
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where its classes' annotations are looked up, as those of a msgspec.Struct
-    spec.loader.exec_module(module)
+    module = source_module.module_of(f"workspace_controllers.{file.stem}", file)
+    sys.modules[module.__name__] = module  # where its classes' annotations are looked up, as those of a msgspec.Struct
+    source_module.run(module)
     classes = [
         found
         for found in vars(module).values()

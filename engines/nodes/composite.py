@@ -188,7 +188,7 @@ class _Reading:
     def _error(self, field: str, problem: str) -> ConfigError:
         word, _, name = field.partition(".")
         if word == "wires" and name in self._about.wires:  # a key with a dot in it
-            return ConfigError(self._document.file, self._document.data[word].lc.key(name)[0] + 1, field, problem)
+            return ConfigError(self._document.file, self._document.data[word].lines[name], field, problem)
         return self._document.error(field, problem)
 
     def _limits(self) -> dict[str, Any]:

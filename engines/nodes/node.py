@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import sys
 from collections.abc import Collection, Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from engines.nodes.ports import Input, Output, Param, PortError, _Port
+from handrail import source_module
 from handrail.messages import Pose
 
 
@@ -111,13 +111,12 @@ class Node:
 
 def load(file: Path) -> type[Node]:
     """The node of a file, whose code is run. Raises PortError when it has none or several, OSError, and what its code raises."""
-    spec = importlib.util.spec_from_file_location(f"handrail_node_{file.stem}", file)
-    if spec is None or spec.loader is None:
+    if file.suffix != ".py":
         raise PortError(f"{file}: got no Python file; expected NAME.py")
-    module = importlib.util.module_from_spec(spec)
+    module = source_module.module_of(f"handrail_node_{file.stem}", file)
     sys.path.insert(0, str(file.parent))  # modules beside it
     try:
-        spec.loader.exec_module(module)
+        source_module.run(module)
     finally:
         sys.path.remove(str(file.parent))
     found = [

@@ -50,7 +50,7 @@ resources:
 states:
   calling:
     do: program
-    with: {program: reach, bind: {arm: arm}}
+    with: {program: nod, bind: {arm: arm}}
     transitions: [{event: done.invoke.calling, target: well}, {event: error.execution, target: badly}]
   badly: {final: true, outcome: failed}
   well: {final: true, outcome: succeeded}
@@ -81,19 +81,19 @@ def write(folder: Path, files: dict[str, str]) -> None:
 def put(text: str, step: str = "nudge", **others: str) -> m.PutBundle:
     """`others`: what else is in the bundle's behaviour, and in its node."""
     files = {
-        "rtc_programs/reach.yaml": PROGRAM.format(text=text).encode(),
+        "rtc_programs/nod.yaml": PROGRAM.format(text=text).encode(),
         "behaviours/nudge.yaml": (BEHAVIOUR.format(step=step) + others.get("behaviour", "")).encode(),
     }
     if "node" in others:
         files["nodes/broken.py"] = others["node"].encode()
-    bundle = manifest.bundle("reach", files)
+    bundle = manifest.bundle("nod", files)
     parts = [m.Piece(address=address, data=pieces.pack(content)) for address, content in bundle.contents.items()]
     return m.PutBundle(bundle=bundle.address, pieces=parts)
 
 
 def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the_new(stack, daemon):
     assert stack.call(put("one?", "first")).release.number == 1
-    run = stack.run("reach")
+    run = stack.run("nod")
     first = stack.prompt(1)
     assert stack.call(put("two?", "second")).release.number == 2
     assert stack.wait(lambda e: isinstance(e, m.CodeChanged) and e.release.number == 2).engine == "engine"
@@ -102,7 +102,7 @@ def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the
     assert (ended.status, ended.hash) == ("succeeded", run.hash)
     assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["first"]
 
-    again = stack.run("reach")
+    again = stack.run("nod")
     assert again.hash != run.hash
     assert stack.prompt(2).text == "two?"
     stack.call(m.AnswerPrompt(id=stack.prompt(2).id, answer="go", by="test"))
@@ -112,8 +112,8 @@ def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the
 
 def test_what_is_deployed_survives_a_restart_and_goes_when_it_is_rolled_back(start):
     stack = start()
-    bind = m.Deploy(program="reach", bindings={"arm": "right"})
-    assert "reach" in stack.refusal(bind).value
+    bind = m.Deploy(program="nod", bindings={"arm": "right"})
+    assert "nod" in stack.refusal(bind).value
     stack.call(put("one?"))
     before = stack.call(bind).hash
     stack.call(put("two?"))
@@ -124,7 +124,7 @@ def test_what_is_deployed_survives_a_restart_and_goes_when_it_is_rolled_back(sta
     listing = stack.call(m.GetReleases())
     assert [release.number for release in listing.releases] == [1, 2, 3]
     assert listing.releases[0].at_ns <= listing.releases[2].at_ns <= time.time_ns()
-    assert set(listing.files) == {"rtc_programs/reach.yaml", "behaviours/nudge.yaml"}
+    assert set(listing.files) == {"rtc_programs/nod.yaml", "behaviours/nudge.yaml"}
 
 
 def test_a_joint_that_this_robot_does_not_have_is_refused(stack):
@@ -164,7 +164,7 @@ def test_a_node_of_parts_runs_with_what_travelled_with_it(stack, tmp_path, monke
 def test_a_program_travels_with_those_that_it_runs(tmp_path, monkeypatch):
     workspace = {
         "rtc_programs/outer.yaml": CALLING,
-        "rtc_programs/reach.yaml": PROGRAM.format(text="?"),
+        "rtc_programs/nod.yaml": PROGRAM.format(text="?"),
         "behaviours/nudge.yaml": BEHAVIOUR.format(step="nudge"),
     }
     write(tmp_path, workspace)

@@ -90,9 +90,11 @@ class Draft:
     def add_waypoint(self, trajectory: str, waypoint: Mapping[str, Any], at: int | None = None) -> None:
         """Put a waypoint into a trajectory before number `at` (None: at its end); a trajectory that is not there begins."""
         trajectories = self._data.setdefault("trajectories", CommentedMap())
+        if not isinstance(trajectories, CommentedMap):
+            raise ValueError(f"trajectories: got {trajectories!r}; expected a mapping")
         if trajectory not in trajectories:
             trajectories[trajectory] = CommentedMap(waypoints=CommentedSeq())
-        waypoints = trajectories[trajectory]["waypoints"]
+        waypoints = self._at(f"trajectories.{trajectory}.waypoints")
         number = len(waypoints) if at is None else at
         if not 0 <= number <= len(waypoints):
             raise ValueError(f"at: got {at}; expected 0 to {len(waypoints)}")

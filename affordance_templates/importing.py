@@ -290,17 +290,18 @@ def _nasa(file: Path, data: Any) -> Imported:
             left.append(f"{name}, controls: `editable` names the parameter that a drag changes; there is none")
         out["objects"][name] = row
     sync: dict[str, Any] = {}
-    for k, trajectory in enumerate(data.get("end_effector_trajectory") or []):
+    for k, trajectory in enumerate(_list(file, "end_effector_trajectory", data.get("end_effector_trajectory"))):
         where = f"end_effector_trajectory[{k}]"
         title = str(_mapping(file, where, trajectory).get("name", f"trajectory{k}"))
-        groups = trajectory.get("end_effector_group") or []
+        groups = _list(file, f"{where}.end_effector_group", trajectory.get("end_effector_group"))
         names = []
         for group in groups:
             hand = f"hand{_mapping(file, where, group).get('id', 0)}"
             name = _identifier(title) + (f"_{hand}" if len(groups) > 1 else "")
+            waypoints = _list(file, f"{where}, {hand}, end_effector_waypoint", group.get("end_effector_waypoint"))
             rows = [
                 _nasa_waypoint(file, f"{where}, {hand}, waypoint {n}", each, n, left)
-                for n, each in enumerate(group.get("end_effector_waypoint") or [])
+                for n, each in enumerate(waypoints)
             ]
             if rows:
                 out["trajectories"][name] = {"title": title, "hand": hand, "waypoints": rows}
@@ -365,6 +366,14 @@ def _placed(file: Path, where: str, origin: Any) -> dict[str, Any]:
 def _mapping(file: Path, where: str, given: Any) -> dict[str, Any]:
     if not isinstance(given, dict):
         raise ConfigError(file, None, where, f"got {given!r:.40}; expected a mapping")
+    return given
+
+
+def _list(file: Path, where: str, given: Any) -> list[Any]:
+    if given is None:
+        return []
+    if not isinstance(given, list):
+        raise ConfigError(file, None, where, f"got {given!r:.40}; expected a list")
     return given
 
 

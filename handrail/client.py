@@ -360,7 +360,8 @@ class Client(NodeCalls):
         was. Refused, with nothing changed, where the robot can't run it. `progress(sent, known)` counts pieces; `cache`: where to
         remember what was sent.
         """
-        return Sender(self.call, self._session.server, cache).send(bundle, engine=engine, note=note, progress=progress)
+        sender = Sender(self.call, self._session.server, cache)
+        return sender.send(bundle, engine=engine or self._engine, note=note, progress=progress)
 
     def releases(self, engine: str = "") -> Releases:
         """What code an engine has, since when and by whom, and what it can be rolled back to."""

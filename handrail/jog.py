@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"(?P<sign>[+-])?(?P<size>\d+(\.\d*)?|\.\d+)(?P<unit>deg|°
 NUMBERS = {"ignore_unknown_options": True}
 """of a command's context, so that -0.1 is a number and no option"""
 
-ConnectTo = Annotated[str, typer.Option("--connect", help="Address of the robot's link.")]
+ConnectTo = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
 Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 
 

@@ -57,7 +57,7 @@ class NodeCalls:
         return self.call(PutNode(name=name, inputs=dict(inputs or {}), params=dict(params or {}), step=step))
 
     def reload_node(self, name: str) -> None:
-        """Go on in the node's file as it is now. Refused where that can't run: then it goes on as it was."""
+        """Go on in the node's file as it is now; developers' keys only. Refused where that can't run: then it goes on as it was."""
         self.call(ReloadNode(name=name))
 
     def stop_node(self, name: str) -> None:

@@ -26,6 +26,8 @@ from yaml.events import (
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DEPTH = 200
 """of mappings and lists in each other"""
+_DIGITS = 300
+"""of an integer; a longer one is a word: Python reads no more than some thousand, and a float holds no more"""
 _WORDS: dict[str, Any] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
     **dict.fromkeys(("true", "True", "TRUE"), True),
@@ -169,6 +171,8 @@ def _meant(text: str) -> Any:
         return _WORDS[text]
     if text[0] in "-+.0123456789":
         if _INTEGER.fullmatch(text):
+            if len(text) > _DIGITS:
+                return text
             return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
         if _FLOAT.fullmatch(text):
             return float(text)

@@ -31,6 +31,7 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 _SIZES = {"box": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 _LEAST = 1e-6
 """kg·m², of a link's inertia"""
+_BASE = "base"
 _THREAD_FORCE, _THREAD_GAIN = 1e4, 0.3
 
 
@@ -103,8 +104,11 @@ def problem(links: Mapping[str, Link], latches: Iterable[Latch], threads: Iterab
     """What is wrong with a linkage: field and expectation; None: nothing."""
     for name, link in links.items():
         field = f"links.{name}"
-        if not name.isidentifier():
-            return field, "expected a name of letters, digits and underscores"
+        if not name.isidentifier() or name == _BASE:
+            return (
+                field,
+                f"expected a name of letters, digits and underscores, and not {_BASE}: what carries it is called that",
+            )
         seen, at = {name}, link.parent
         while at:
             if at not in links:
@@ -149,7 +153,7 @@ def urdf(name: str, mass: float | None, base: Iterable[LinkShape], links: Mappin
     """The whole as a body; a loose base's frame (one with a mass) is its centre of mass."""
     base = tuple(base)
     size = np.ptp(_corners(base), axis=0) if base else np.full(3, 0.1)
-    parts = [f'<link name="base">{_inertial(mass or 1.0, np.zeros(3), size)}{"".join(map(_solid, base))}</link>']
+    parts = [f'<link name="{_BASE}">{_inertial(mass or 1.0, np.zeros(3), size)}{"".join(map(_solid, base))}</link>']
     for link_name, link in links.items():
         corners = _corners(link.shapes) if link.shapes else np.zeros((2, 3))
         centre, size = corners.mean(axis=0), np.ptp(corners, axis=0)
@@ -162,7 +166,7 @@ def urdf(name: str, mass: float | None, base: Iterable[LinkShape], links: Mappin
             else f'<limit lower="{joint.lower}" upper="{joint.upper}" effort="1e6" velocity="1e3"/>'
         )
         parts.append(
-            f'<joint name="{link_name}" type="{joint.kind}"><parent link="{link.parent or "base"}"/><child link="{link_name}"/>'
+            f'<joint name="{link_name}" type="{joint.kind}"><parent link="{link.parent or _BASE}"/><child link="{link_name}"/>'
             f'<origin xyz="{_words(joint.origin)}"/><axis xyz="{_words(joint.axis)}"/>{limit}</joint>'
         )
     return f'<robot name="{name}">{"".join(parts)}</robot>'
@@ -226,8 +230,12 @@ class LinkageBody:
         """joint → PyBullet's index"""
         self._joints = {name: link.joint for name, link in links.items()}
         self._sprung = [name for name, joint in self._joints.items() if joint.stiffness]
-        self._latches = tuple(latches)
-        self._caught: dict[str, bool] = {}
+        self._latches: dict[str, list[Latch]] = {}
+        """held joint → what may hold it"""
+        for latch in latches:
+            self._latches.setdefault(latch.holds, []).append(latch)
+        self._holding: dict[str, float] = {}
+        """held joint → N·m or N"""
         self.pushes: dict[str, float] = {}
         """joint → N·m or N from outside, at every step (for tests and exercises)"""
         for name, joint in self._joints.items():
@@ -273,12 +281,16 @@ class LinkageBody:
             p.setJointMotorControl2(
                 self._body, self.rows[name], p.TORQUE_CONTROL, force=pull, physicsClientId=self._client
             )
-        for latch in self._latches:
-            near = abs(self.position(latch.holds) - latch.at) <= latch.within
-            caught = near and self.position(latch.freed_by) <= latch.beyond
-            if caught != self._caught.get(latch.holds):
-                self._caught[latch.holds] = caught
-                self._hold(latch.holds, latch.strength if caught else self._joints[latch.holds].friction)
+        for held, latches in self._latches.items():
+            strengths = [latch.strength for latch in latches if self._caught(latch)]
+            strength = max(strengths, default=self._joints[held].friction)
+            if strength != self._holding.get(held):
+                self._holding[held] = strength
+                self._hold(held, strength)
+
+    def _caught(self, latch: Latch) -> bool:
+        near = abs(self.position(latch.holds) - latch.at) <= latch.within
+        return near and self.position(latch.freed_by) <= latch.beyond
 
 
 def joint_rows(client: int, body: int) -> dict[str, int]:

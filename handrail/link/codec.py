@@ -88,9 +88,9 @@ REMOTE_EVENTS = {kind.__name__: kind for kind in _remote(DaemonEvent, EngineEven
 """name → type of the events that the link carries"""
 REMOTE_ANSWER: Any = Answer | NoAnswer
 
-CODE = (PutBundle, RollBack)
-"""calls that change which code runs on the robot: a developer's"""
-SIGNED = (*CODE, CommandGripper, BindKeepalive, GetChallenge, KeepAlive, ReleaseKeepalive, SetSpeed)
+CODE = (PutBundle, RollBack, ReloadNode)
+"""calls that change which code runs on the robot: a developer's. StartNode is none: it runs what the library has"""
+SIGNED = (PutBundle, RollBack, CommandGripper, BindKeepalive, GetChallenge, KeepAlive, ReleaseKeepalive, SetSpeed)
 """calls on which the gate writes whose key they came with (`by`), and what that may do (`role`)"""
 RAW = (PutBundle,)
 """calls that carry bytes, and no value of any kind that a client likes"""

@@ -52,6 +52,7 @@ _LOOK_S = 0.5
 _INFO_S = 1.0
 """for an engine to say what it does"""
 _CURVE_KEY_BYTES = 32
+_SUBSCRIBE, _UNSUBSCRIBE = b"\x01", b"\x00"
 _DOMAIN = "handrail"
 
 
@@ -108,7 +109,7 @@ class Gate:
         self._selections = Selections()
         self._held_back = asyncio.Event()
         self._subscribed: set[bytes] = set()
-        """beginnings of the types' names that somebody wants to hear"""
+        """beginnings of the types' names that somebody wants to hear; a client may subscribe what it likes, others are not kept"""
         self._in_flight: dict[bytes, int] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -359,7 +360,7 @@ class Gate:
                 self._held_back.clear()
                 continue
             await asyncio.sleep(max(0.0, min(wait_s, _LOOK_S)))
-            for topic, data in self._selections.due(clock()):
+            for topic, data in list(self._selections.due(clock())):  # others may be chosen while these leave
                 await self._events_out.send_multipart((topic, self._packer.pack_encoded(data)))
 
     async def _take_selection(self, topic: bytes) -> None:
@@ -375,19 +376,21 @@ class Gate:
     async def _take_subscriptions(self) -> None:
         clock = asyncio.get_running_loop().time
         while True:
-            message = await self._events_out.recv()
-            topic = message[1:]
-            if message[:1] != b"\x01":
+            message, *more = await self._events_out.recv_multipart()
+            asked, topic = message[:1], message[1:]
+            if more or asked not in (_SUBSCRIBE, _UNSUBSCRIBE):
+                continue  # who sends such is no subscriber, and ends nobody's subscription
+            if asked == _UNSUBSCRIBE:
                 self._subscribed.discard(topic)  # told of the last one's only
                 self._selections.remove(topic)
                 continue
             if topic.startswith(selections.MARK.encode()):
                 await self._take_selection(topic)
                 continue
-            self._subscribed.add(topic)
             if topic.startswith(codec.SYNC):
                 await self._events_out.send_multipart((topic, b""))
-            else:
+            elif any(name.encode().startswith(topic) for name in codec.REMOTE_EVENTS):
+                self._subscribed.add(topic)
                 for encoded in self._latest.last(topic, clock()):
                     await self._publish(topic, encoded)
 
@@ -401,7 +404,7 @@ def _key(frame: zmq.Frame) -> bytes:
 
 
 def _no_engine(engine: str, known: str) -> Refused:
-    return Refused(message="no such engine", field="engine", value=engine, expected=f"one of: {known}")
+    return Refused(message="no such engine", field="engine", value=engine[:80], expected=f"one of: {known}")
 
 
 def _no_code(message: Any, who: keys.Identity | None, key: bytes) -> Refused:

@@ -15,7 +15,7 @@ class StartNode(Message):
     """Start a node of the library beside the program; it runs until it is stopped. Answered once it is ready."""
 
     node: Name
-    name: str = ""
+    name: Annotated[str, Meta(max_length=128)] = ""
     """what to call it, where the node's own name is taken"""
     params: dict[str, Any] = {}
     inputs: dict[str, Any] = {}
@@ -44,7 +44,10 @@ class PutNode(Message):
 
 @travels(priority=2, remote=True)
 class ReloadNode(Message):
-    """Go on in the node's file as it is now, between two calls; refused, and it goes on as it was, where that can't run."""
+    """Go on in the node's file as it is now, between two calls; refused, and it goes on as it was, where that can't run.
+
+    Other code: over the link, a developer's.
+    """
 
     name: Name
     engine: str = ""

@@ -26,6 +26,7 @@ from handrail.messages import (
     PutBundle,
     RollBack,
     RolledBack,
+    StopNode,
 )
 from handrail.topics import RefusedError, Unreachable
 
@@ -237,7 +238,11 @@ def test_only_developers_keys_may_bring_code_and_operators_may_run_it(desk, tmp_
     shutil.copy(folder / "client.key", allowed / "ann.key")
     ann = desk.stand.client(folder)
     desk.edit("by ann")
-    for attempt in (lambda: Sender(ann.call, "r", tmp_path / "c").send(bundle_of("nudge")), ann.roll_back):
+    for attempt in (
+        lambda: Sender(ann.call, "r", tmp_path / "c").send(bundle_of("nudge")),
+        ann.roll_back,
+        lambda: ann.reload_node("low_pass"),
+    ):
         with pytest.raises(RefusedError) as refused:
             attempt()
         refusal = refused.value.refusal
@@ -247,6 +252,8 @@ def test_only_developers_keys_may_bring_code_and_operators_may_run_it(desk, tmp_
     assert desk.store.listing("engine").releases == [release]
     assert ann.deploy("nudge", {"arm": "right"}).program == "nudge"
     assert ann.releases().releases == [release]
+    desk.engine.answers[StopNode] = lambda call: None
+    ann.stop_node("low_pass")
 
     (allowed / "developers").mkdir()
     (allowed / "ann.key").rename(allowed / "developers" / "ann.key")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import threading
 
 import pytest
+import zmq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from handrail.link import keys
 from handrail.link.selections import Part, Selection, Selections
 from handrail.messages import Deploy, InstanceState, LogLine, Pose, RobotState, RunState
 from handrail.watch import watch
@@ -87,6 +89,30 @@ def test_another_clients_choice_is_not_sent_to_this_one(robot):
         assert [all_lines.next(30).text for _ in range(21)][-1] == "last"
         assert few.next(30).text == "last"
         assert few.next(0) is None
+
+
+def test_what_a_peer_sends_that_is_no_subscription_ends_nobody_elses_choice(robot):
+    _, engine, stand = robot
+    chosen, own = Selection(LogLine, where={"level": ("error",)}), keys.for_client(stand.keys)
+    with (
+        stand.client().subscribe(chosen, timeout_s=30) as events,
+        zmq.Context() as context,
+        context.socket(zmq.XSUB) as peer,
+    ):
+        peer.setsockopt(zmq.LINGER, 0)
+        peer.setsockopt(zmq.CURVE_SERVERKEY, own.server)
+        peer.setsockopt(zmq.CURVE_PUBLICKEY, own.public)
+        peer.setsockopt(zmq.CURVE_SECRETKEY, own.secret)
+        peer.connect(f"tcp://127.0.0.1:{stand.port + 1}")
+        peer.send(b"\x01sync.begun")
+        assert peer.poll(30_000) and peer.recv_multipart()[0] == b"sync.begun"
+        peer.send(b"\x05" + chosen.topic())
+        peer.send_multipart([b"\x05", b"\x00" + chosen.topic()])
+        peer.send(b"")
+        peer.send(b"\x01sync.done")
+        assert peer.poll(30_000) and peer.recv_multipart()[0] == b"sync.done"
+        engine.publish(LogLine(source="engine", level="error", text="still heard"))
+        assert events.next(30).text == "still heard"
 
 
 def test_of_what_comes_more_often_than_chosen_the_newest_goes_when_it_is_due():

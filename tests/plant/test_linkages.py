@@ -50,6 +50,18 @@ def test_a_door_stays_shut_until_its_handle_is_down(world_of):
     assert world.hinge_angle("door.latch") < 0.05, "its spring turns the handle back"
 
 
+def test_a_joint_with_a_latch_at_either_end_is_held_at_both(world_of, tmp_path):
+    text = library()["door"].read_text()
+    one = "{holds: hinge, freed_by: latch"
+    assert text.count(one) == 1
+    file = tmp_path / "door.yaml"
+    file.write_text(text.replace(one, f"{one}, beyond: 0.5, at: 1.0}}, {one}"))
+    world = world_of(str(file))
+    assert pushed(world, "door.hinge", 20.0) < math.radians(2)
+    world.set_hinge_angle("door.hinge", 1.0)
+    assert pushed(world, "door.hinge", 20.0) == pytest.approx(1.0, abs=0.03)
+
+
 def test_a_button_gives_way_and_comes_back(world_of):
     world = world_of("button_panel")
     assert pushed(world, "panel.press_2", 2.0) < 5e-4, "its spring is under 3 N already"
@@ -105,6 +117,7 @@ def test_every_scene_of_the_library_loads():
     [
         ("parent: hinge", "parent: leaf", "objects.door.links.latch.parent", "expected one of hinge, latch"),
         ("parent: hinge", "parent: latch", "objects.door.links.latch.parent", "carries itself"),
+        ("hinge:", "base:", "objects.door.links.base", "not base"),
         ("freed_by: latch", "freed_by: key", "objects.door.latches[0].freed_by", "expected one of"),
         ("lower: 0, upper: 1.91986", "lower: 2, upper: 1.9", "objects.door.links.hinge.joint.upper", "more than lower"),
         ("size: [0.04, 0.5, 1]", "size: [0.04, 0.5]", "objects.door.links.hinge.shapes[0].size", "a box has 3"),

@@ -128,6 +128,12 @@ def test_a_trajectory_for_two_hands_becomes_two_that_meet(tmp_path):
         ("a.json", "{", "not JSON"),
         ("a.json", '{"name": "a"}', "display_objects"),
         ("a.json", '{"display_objects": [3]}', "expected a mapping"),
+        ("a.json", '{"display_objects": [], "end_effector_trajectory": 3}', "expected a list"),
+        (
+            "a.json",
+            '{"display_objects": [], "end_effector_trajectory": [{"end_effector_group": 3}]}',
+            "expected a list",
+        ),
         ("a.json", '{"display_objects": [{"name": "a", "origin": {"xyz": [1, 2]}}]}', "expected 3 numbers"),
     ],
 )

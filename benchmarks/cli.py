@@ -15,7 +15,9 @@ from rich.console import Console
 import benchmarks
 from benchmarks.rows import show
 
-_NOT_BENCHMARKS = {"cli", "rows", "sea_pictures", "wake_ups", "wbc_peers", "peers", "planning_peers", "engines_peer"}
+_NOT_BENCHMARKS = {
+    "cli", "deploying", "engines_peer", "peers", "planning_peers", "rows", "sea_pictures", "wake_ups", "wbc_peers",
+}  # fmt: skip
 
 
 def names() -> list[str]:

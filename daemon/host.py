@@ -122,7 +122,7 @@ def children(
 
 def further_engines(text: str) -> list[str]:
     """Names of the engines beside the first, as `--engines` says them: their number or their names. Raises UsageError."""
-    if text.isdigit():
+    if text.isdecimal():
         if not 1 <= int(text) <= _MOST_ENGINES:
             raise UsageError(f"--engines {text}: expected 1 to {_MOST_ENGINES}, or names")
         return [f"{FIRST}{number}" for number in range(2, int(text) + 1)]

@@ -400,17 +400,20 @@ class Server:
     def _keep_alive(self, call: m.KeepAlive) -> m.Challenge:
         self._challenges.allow(call.owner, call.by)
         self._challenges.check(call.owner, call.answer)
-        try:
-            self._ask(Kind.KEEP_ALIVE, owner=self._owners.number(call.owner))
-        except RefusedError:  # nothing binds him any more: the robot was damped
-            self._challenges.forget(call.owner)
-            raise
+        self._tell_keepalive(Kind.KEEP_ALIVE, call.owner)
         return m.Challenge(challenge=self._challenges.issue(call.owner))
 
     def _release_keepalive(self, call: m.ReleaseKeepalive) -> None:
         self._challenges.allow(call.owner, call.by)
-        self._ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=0.0)
+        self._tell_keepalive(Kind.BIND_KEEPALIVE, call.owner)
         self._challenges.forget(call.owner)
+
+    def _tell_keepalive(self, kind: Kind, owner: str) -> None:
+        """As `_ask`. One that the loop knows nothing of has ended, and is nobody's any more; a loop that is busy ends none."""
+        answer = self._post(exchange.encode_command(kind, self._count(), owner=self._owners.number(owner)))
+        if answer is not None and answer[0] == exchange.Answer.KEEPALIVE_LOST:
+            self._challenges.forget(owner)
+        self._require_accepted(answer)
 
     def _take_lease(self, call: m.TakeLease) -> m.Lease:
         lease, ended = self._leases.take(call.owner, call.part, call.take_over)
@@ -442,7 +445,9 @@ class Server:
                 checked[row] = self._whole_body.checked(one.motion, one.ends, position, self._mailbox.floats)
         keys = {row: (msgspec.msgpack.encode(motion), self._generation) for row, motion in checked.items()}
         for row, key in keys.items():  # all of them, before any is waited for
-            if key not in self._making:
+            if key in self._making:  # moved to the newest: what else is begun must not push it out
+                self._making[key] = self._making.pop(key)
+            else:
                 self._begin_making(key, checked[row])
         for key in keys.values():
             self._await_made(key, gives_up)
@@ -463,6 +468,8 @@ class Server:
     def _await_made(self, key: tuple[bytes, int], gives_up: float) -> None:
         """RefusedError: it has not been made before then (asked for again, it may be), or can't be."""
         while True:
+            if key not in self._making:  # the loop was started anew meanwhile
+                raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
             answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=self._making[key]))
             if answer is None or answer[0] != exchange.Answer.NOT_READY or time.monotonic() >= gives_up:
                 break
@@ -526,11 +533,13 @@ class Server:
         self._ask(kind, action=self._running(action))
 
     def _set_speed(self, call: m.SetSpeed) -> None:
+        self._publish_news()
         serial = self._running(call.id) if call.id else 0
         snapshot, started = self._reporter.snapshot, self._journal.find(serial) if serial else None
-        if snapshot is not None:
-            shares = [slot["speed"] for slot in snapshot["actions"] if serial and slot["serial"] == serial]
-            check_speed(call, float((shares or [snapshot["speed"]])[0]), started.owner if started else "")
+        if snapshot is None:
+            raise refuse(_NO_LOOP)
+        shares = [slot["speed"] for slot in snapshot["actions"] if serial and slot["serial"] == serial]
+        check_speed(call, float((shares or [snapshot["speed"]])[0]), started.owner if started else "")
         self._ask(Kind.SET_SPEED, action=serial, value=call.share)
 
     def _running(self, action: str) -> int:

@@ -22,6 +22,7 @@ from handrail.runtime import Runtime
 
 _ONCE_S = 0.5
 """over which --once counts processor time"""
+_GONE = "gone"
 _CPU_STEP, _MEMORY_STEP_MB = 2.0, 4.0
 """a process that uses no more or less by this is shown as before: rows change when something does"""
 
@@ -69,7 +70,9 @@ class Processes:
         while waiting:
             process, name, depth = waiting.pop(0)
             of_its_own = ProcessTold(name, told.state, process, told.since, 0, "")
-            rows.append(self._row(of_its_own, "  " * depth + name, process, before))
+            row = self._row(of_its_own, "  " * depth + name, process, before)
+            if row.state != _GONE:  # it ended by itself, while it was looked at
+                rows.append(row)
             waiting = [(*each, depth + 1) for each in started.get(process, ())] + waiting
         return rows
 
@@ -83,7 +86,7 @@ class Processes:
                 at, used_then = before.get(process, (now, used))
                 cpu = 100.0 * (used - used_then) / (now - at) if now > at else 0.0
             except OSError:  # and its supervisor has not said so (yet)
-                state = "gone"
+                state = _GONE
         up_s = max(0, int(time.time() - told.since))
         return Row(name, state, process, cpu, memory_mb, told.deaths, up_s, told.last)
 

@@ -48,6 +48,7 @@ from engines.runs.prompts import Prompts
 from engines.runs.run import Job, PlanExecution, ProgramRun, Start
 from engines.service import DeferringService, Wake
 from engines.shared_instances import SharedInstances
+from engines.tip_poses import TipPose, tip_poses
 from handrail import engines as engine_names
 from handrail import messages as m
 from handrail import workspace
@@ -59,7 +60,6 @@ from handrail.runtime import Runtime
 from handrail.sole_holder import HeldElsewhere, sole_holder
 from handrail.topics import Publisher, RefusedError, refuse
 
-TipPose = Callable[[np.ndarray, str], tuple[np.ndarray, np.ndarray]]
 _DEPLOYMENTS_KEPT = 20
 _STOP_S = 10.0
 """wall time within which a run that is stopped for another one must have ended"""
@@ -593,22 +593,6 @@ def main(arguments: list[str] | None = None) -> int:
     engine.serve()
     engine.close()
     return 0
-
-
-def tip_poses(description: RobotDescription) -> TipPose:
-    """Where an arm's tool tip is in the world; may be asked from any thread."""
-    import pinocchio as pin
-
-    from handrail.robot.kinematics import Kinematics
-
-    kinematics, lock = Kinematics(description), threading.Lock()
-
-    def tip_pose(position: np.ndarray, arm: str) -> tuple[np.ndarray, np.ndarray]:
-        with lock:
-            pose = kinematics.frame(position, description.arms[arm].tip)
-        return np.array(pose.translation), np.array(pin.Quaternion(pose.rotation).coeffs())
-
-    return tip_pose
 
 
 if __name__ == "__main__":

@@ -37,15 +37,19 @@ def frame_room(
     rows: NDArray[np.int64],
     position: Array,
     limits: Array,
+    axes: Array | None = None,
 ) -> tuple[float, float]:
     """The rate's acceleration 1/s and jerk 1/s² for which the next second of a frame's path leaves room, from `s` on.
 
-    `rows` (m,): joints that bring it there, at `position` (n,) rad; `limits` (2, m): rad/s² and rad/s³ that they may do.
+    `rows` (m,): joints that bring it there, at `position` (n,) rad; `limits` (2, m): rad/s² and rad/s³ that they may do;
+    `axes` (3, 3): those that the path is said in, seen from the base; None: the base's.
     """
     ahead = np.linspace(s, min(s + HORIZON, path.length), _LOOKS)
     share, *derivatives = path.shares(ahead)
     slope, bend, twitch = (float(np.abs(one).max()) for one in derivatives)
     twist = path.twist(s)
+    if axes is not None:
+        twist = np.concatenate((axes @ twist[:3], axes @ twist[3:]))
     here = damped_inverse(kinematics.jacobian(position, frame)[:, rows]) @ twist
     then, way = position.copy(), float(share[-1] - share[0])
     then[rows] += here * way

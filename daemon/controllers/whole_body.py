@@ -80,13 +80,13 @@ class WholeBodyControl(MotionController):
         drives = np.array((motion.stiffness * gains.stiffness, motion.damping * gains.damping))
         self._drives = np.ascontiguousarray(drives[:, self.joints])
         self._streams: dict[str, StreamedPose] = {}
-        self._lines: list[tuple[str, LinePath]] = []
+        self._lines: list[tuple[CartPos | QuaternionOrientation | SE3, LinePath]] = []
         self._knots: list[HermitePath] = []
         """trajectories among the references, of frames and of postures"""
         tasks = [task for level in compound.levels for task in level]
         framed = [task for task in tasks if isinstance(task, CartPos | QuaternionOrientation | SE3)]
         self._handles = [self.body[task.title] for task in framed]
-        self._frames = {task.title: task.frame for task in framed}
+        self._framed = {task.title: task for task in framed}
         self._leashes = Leashes(self.body, [], [], self.clock, REACH, TURN)
         self._by_frame = {
             task.frame: (place, task) for place, task in enumerate(framed) if isinstance(task, CartPos | SE3)
@@ -146,7 +146,15 @@ class WholeBodyControl(MotionController):
         description, rows = robot.kinematics.description, self.joints
         limits = np.array((description.acceleration_limit, description.jerk_limit))
         place = (rows, robot.joints.position, limits[:, rows])
-        lines = [frame_room(path, self.clock.s, robot.kinematics, frame, *place) for frame, path in self._lines]
+        # Kinematics are seen from the base; lines are in the world, or in the frame that their task is relative to.
+        base = pin.XYZQUATToSE3(robot.base.pose).rotation if self._model.free else np.eye(3)
+        lines = [
+            frame_room(
+                path, self.clock.s, robot.kinematics, task.frame, *place,
+                axes=base.T @ self._model.frame(task.relative_to).rotation,
+            )
+            for task, path in self._lines
+        ]  # fmt: skip
         return least([*lines, *(path.room(limits) for path in self._knots)])
 
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
@@ -167,7 +175,7 @@ class WholeBodyControl(MotionController):
                 position, rotation = (part.copy() for part in handle.reference)
                 goal = _goal(reference.goal, handle, reference.shift)
                 path = LinePath(rotation, position, goal, reference.duration)
-                self._lines.append((self._frames[reference.task], path))
+                self._lines.append((self._framed[reference.task], path))
                 return FrameTrajectory(handle, path, self._period, self.clock)
             case m.PostureKnots():
                 joints = robot.kinematics.description.index(tuple(reference.joints))

@@ -71,8 +71,8 @@ class OfflineTask:
 
     def __init__(self, robot: str, scene: str | None):
         """Raises ConfigError, ValueError."""
-        from engines.engine import tip_poses
         from engines.planning.planners import Planners
+        from engines.tip_poses import tip_poses
 
         self.description = robots.load(robot)
         self.instances = instances_of(scene) if scene else []

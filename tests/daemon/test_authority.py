@@ -63,6 +63,18 @@ def test_a_keepalive_is_answered_and_ended_by_the_key_that_bound_it_by_a_server_
     rig.call(m.BindKeepalive(owner="engine", timeout_s=5.0, by="ben"))
 
 
+def test_a_keepalive_stays_its_keys_while_the_loop_refuses_for_another_reason_and_ends_with_the_loops(rig: Rig) -> None:
+    loop = rig.start_loop()
+    told = rig.call(m.BindKeepalive(owner="engine", timeout_s=5.0, by="anna"))
+    loop.answers[Kind.KEEP_ALIVE] = (Answer.TOO_MANY, -1, 0.0)
+    rig.refusal(m.KeepAlive(owner="engine", answer=answer(told.challenge, "engine"), by="anna"))
+    assert "bound by anna's key" in rig.refusal(m.GetChallenge(owner="engine", by="ben")).message
+    loop.answers[Kind.BIND_KEEPALIVE] = (Answer.KEEPALIVE_LOST, -1, 0.0)
+    rig.refusal(m.ReleaseKeepalive(owner="engine", by="anna"))
+    del loop.answers[Kind.BIND_KEEPALIVE]
+    rig.call(m.BindKeepalive(owner="engine", timeout_s=5.0, by="ben"))
+
+
 def test_what_the_robots_own_machine_bound_no_client_ends_and_the_machine_may_end_what_a_client_bound(
     tmp_path: Path,
 ) -> None:

@@ -84,7 +84,7 @@ def test_further_engines_are_named_or_counted(talos: RobotDescription, runtime: 
     assert commands["vision"] == f"{where} --name vision --code {tmp_path / 'vision'}"
 
 
-@pytest.mark.parametrize("wrong", ["0", "9", "vision,vision", "engine", "Vision", "daemon", ""])
+@pytest.mark.parametrize("wrong", ["0", "9", "²", "vision,vision", "engine", "Vision", "daemon", ""])
 def test_engines_that_can_not_be_are_refused(wrong: str) -> None:
     with pytest.raises(UsageError, match=f"--engines {wrong}: "):
         further_engines(wrong)

@@ -1,7 +1,7 @@
 """Inverse kinematics for goal after goal: neighbours on a line or an arc, hundreds a plan, all solved in one compiled call.
 
-`Solver` finds the nearest answer to one hard question, at half a millisecond of Python each time (constraints, their table, the
-check) around a few steps of some 15 µs. Here the constraints become a table once, only where they are differs between goals, and
+`Solver` finds the nearest answer to one hard question, most of its time in Python (constraints, their table, the check) around a
+few compiled steps. Here the constraints become a table once, only where they are differs between goals, and
 the descent is compiled whole, on the same rows (`kernels.rows`). It is a plainer one: Gauss-Newton on rows with a weak pull to a
 reference posture, joint limits as bounds (joints at a bound that the step would cross leave the step, an active set, so that the
 others make up for them). The pull resolves the redundancy the same way for neighbouring goals, which keeps a path on one branch.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -26,4 +27,7 @@ def module_of(name: str, file: Path) -> ModuleType:
 def run(module: ModuleType) -> None:
     """Run a module's code. Raises OSError, and what the code raises."""
     assert module.__spec__ is not None and module.__spec__.loader is not None  # `module_of` gave both
+    sys.modules[module.__name__] = (
+        module  # where annotations of its classes are looked up, of dataclasses and msgspec.Structs
+    )
     module.__spec__.loader.exec_module(module)

@@ -7,7 +7,6 @@ from daemon.controllers.base.Controller.
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -74,7 +73,6 @@ def find_kind(name: str) -> type[Controller]:
 
 def _the_class_in(file: Path) -> type[Controller]:
     module = source_module.module_of(f"workspace_controllers.{file.stem}", file)
-    sys.modules[module.__name__] = module  # where its classes' annotations are looked up, as those of a msgspec.Struct
     source_module.run(module)
     classes = [
         found

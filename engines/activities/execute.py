@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,18 +48,20 @@ def check(services: Services, record: PlanRecord, segments: Sequence[str]) -> No
 
 
 def execute(
-    services: Services, motion: Motion, record: PlanRecord, segments: Sequence[str], cancelled: threading.Event
-) -> dict[str, Any]:
+    services: Services, motion: Motion, record: PlanRecord, segments: Sequence[str], cancelled: threading.Event, *,
+    still: Callable[[], str] = lambda: "",
+) -> dict[str, Any]:  # fmt: skip
     """Run the segments (all, or those named) in order; stops after one that a guard ended.
 
+    :param still: why they may not be run, beside the plan's own reasons, in words; empty while they may
     :return: see `ExecuteActivity.outputs`
     :raises ActivityFailed: `stale`, or what made a motion fail
     """
     check(services, record, segments)
 
-    def still() -> str:
+    def fresh() -> str:
         why = services.plans.stale(record, start=False)
-        return f"the plan is stale: {why}" if why else ""
+        return f"the plan is stale: {why}" if why else still()
 
     turned = 0.0
     record.executing = True
@@ -69,7 +71,7 @@ def execute(
                 continue
             try:
                 action = record.plan.motion(segment)
-                ended = motion.run(action, segment.ends, cancelled, what=segment.name, still=still)
+                ended = motion.run(action, segment.ends, cancelled, what=segment.name, still=fresh)
             except MotionFailed as failed:
                 if failed.started:
                     record.reached, record.ended = index, None

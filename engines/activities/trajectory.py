@@ -19,7 +19,7 @@ from affordance_templates.instance import Instance
 from affordance_templates.placement import Array, of_message, placed, shortest_turn, to_message, turn_between
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import execute
-from engines.activities.hand import shape_hand
+from engines.activities.hand import poses_of, shape_hand
 from engines.runs.motion import MotionFailed
 from handrail.messages import (
     Along,
@@ -52,7 +52,8 @@ class TrajectoryActivity(Activity):
 
     The `way` backwards comes from the last one, and at each waypoint the hand gets the shape that it had before it: what a way in
     took hold of, the way back puts down. Done with the `waypoint` that it ended at, whether the hand `holds` something, and
-    `moved`, rad or m that it moved the last joint by.
+    `moved`, rad or m that it moved the last joint by. Fails with `stale` before it goes on to where the instance is no more, and
+    with `no_hand` where the hand is to change its shape and the arm carries a rigid tool.
     """
 
     arguments = {
@@ -66,13 +67,15 @@ class TrajectoryActivity(Activity):
     outputs = frozenset({"waypoint", "holds", "moved"})
 
     def run(self) -> dict[str, Any]:
-        instance = self._asked()
+        self._instance = instance = self._asked()
         self._holds, self._moved = False, 0.0
         waypoints = self._chosen(instance)
         for waypoint in waypoints:
             try:
+                self._still_there()
                 self._reach(instance, waypoint)
                 if waypoint.fingers:
+                    self._still_there()
                     self._shape(waypoint)
             except ActivityFailed as failed:
                 raise ActivityFailed(failed.reason, f"{waypoint.waypoint.name}: {failed}") from failed
@@ -87,6 +90,23 @@ class TrajectoryActivity(Activity):
             return self.services.affordances.get(self.values["instance"])
         except RefusedError as refused:
             raise ActivityFailed("refused", str(refused)) from refused
+
+    def _outdated(self) -> str:
+        """Why the waypoints are not where they were when it began, in words; empty: they are. Its joints may have moved."""
+        before = self._instance
+        try:
+            now = self.services.affordances.get(before.name)
+        except RefusedError:
+            return f"{before.name} was removed while it was being used"
+        if now.version == before.version:
+            return ""
+        return (
+            f"{before.name} was moved or edited while it was being used (version {before.version}, now {now.version})"
+        )
+
+    def _still_there(self) -> None:
+        if why := self._outdated():
+            raise ActivityFailed("stale", why)
 
     def _chosen(self, instance: Instance) -> Sequence[BoundWaypoint]:
         """The waypoints to go to, in order, for the arm."""
@@ -115,6 +135,8 @@ class TrajectoryActivity(Activity):
                 "refused", f"last: {names[ends[1]]} comes before {names[ends[0]]}; expected it or one behind it"
             )
         chosen = waypoints[ends[0] : ends[1] + 1]
+        if len({each.waypoint.hand_pose for each in chosen} - {""}) > 1:
+            poses_of(self.services, arm)
         return backwards(chosen) if self.values["way"] == "backwards" else chosen
 
     # ------------------------------------------------------------------------------------------------------ one waypoint
@@ -142,7 +164,7 @@ class TrajectoryActivity(Activity):
             self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
         )
         self.context.notes.planned(preview)
-        ended = execute(self.services, self.context.motion, record, (), self.cancelled)
+        ended = execute(self.services, self.context.motion, record, (), self.cancelled, still=self._outdated)
         if ended["outcome"] != "done":
             raise ActivityFailed("guarded", f"it was ended by {ended['outcome']} in {ended['segment']}")
 
@@ -209,7 +231,8 @@ class TrajectoryActivity(Activity):
 
     def _run(self, motion: CompliantMotion, ends: list[EndCondition], what: str, hoped: str) -> str:
         try:
-            return self.context.motion.run(motion, ends, self.cancelled, what=what, hoped=hoped).outcome
+            ended = self.context.motion.run(motion, ends, self.cancelled, what=what, still=self._outdated, hoped=hoped)
+            return ended.outcome
         except MotionFailed as failed:
             raise ActivityFailed(failed.reason, str(failed)) from failed
 

@@ -107,6 +107,9 @@ class RunBook:
                 if write:
                     book.execute("BEGIN IMMEDIATE")
                 (version,) = book.execute("PRAGMA user_version").fetchone()
+                if version == 0 and not write:  # somebody may be making its tables just now
+                    book.execute("BEGIN IMMEDIATE")
+                    (version,) = book.execute("PRAGMA user_version").fetchone()
                 if version not in (0, _VERSION):
                     raise BookError(f"{self.file}: format {version}; this version reads {_VERSION}")
                 if version == 0:

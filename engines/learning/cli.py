@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from engines.learning.book import BookError, PastRun, RunBook, location
@@ -34,7 +35,9 @@ def list_(program: Program = "", robot: Robot = "", book: Book = None, last: int
     for run in _runs(book, robot, program, last):
         style = {"succeeded": "green", "failed": "red"}.get(run.status, "yellow")
         when = run.ended[:19].replace("T", " ")
-        table.add_row(when, run.robot, run.program, f"{run.duration_s:.1f}", f"[{style}]{run.status}[/]", run.detail)
+        table.add_row(
+            when, run.robot, run.program, f"{run.duration_s:.1f}", f"[{style}]{run.status}[/]", escape(run.detail)
+        )
     _out.print(table)
 
 

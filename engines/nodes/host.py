@@ -191,6 +191,8 @@ class NodeProcess:
         while True:
             again = self.restarted < limit
             with self._lock:
+                if self._life is not life:  # a new version has taken over while this one was tried once more
+                    return
                 self._failure = failure
             self._ended(failure)
             if not again:
@@ -207,14 +209,16 @@ class NodeProcess:
                     return
                 failure = problem
                 continue
-            with self._lock:
-                superseded = self._life is not life  # a new version has taken over meanwhile
+            with self._turn:
+                with self._lock:
+                    superseded = self._life is not life
+                    if not superseded:
+                        self._failure = None
                 if not superseded:
-                    self._failure = None
+                    self._take_over(fresh)
             if superseded:
                 fresh.end()
                 return
-            self._take_over(fresh)
             self._up()
             if self._closing.is_set():  # `close` has ended the one before
                 fresh.end()

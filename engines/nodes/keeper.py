@@ -38,6 +38,8 @@ class _Kept:
     """that it ends with"""
     of_state: bool = False
     """that it ends with"""
+    closing: threading.Event = field(default_factory=threading.Event)
+    """set: nobody wants it any more, though it may still be loaded"""
     changed: threading.Condition = field(default_factory=threading.Condition)
 
 
@@ -136,6 +138,7 @@ class NodeKeeper:
         if kept.of_state:
             raise ValueError(f"node: {name!r} is the running program's, and ends with its state")
         self._forget(kept)
+        kept.closing.set()
         if kept.process is not None:
             kept.process.close()
 
@@ -173,7 +176,11 @@ class NodeKeeper:
             self._log("error", failure.traceback or failure.why)
 
         try:
-            return self._start(kept, params, lambda outputs: None, ended)
+            process = self._start(kept, params, lambda outputs: None, ended, closing=kept.closing)
+            if kept.closing.is_set():  # `stop` found no process yet
+                process.close()
+                raise NodeFailed(f"node {kept.name} was stopped while it was being started")
+            return process
         except NodeFailed:
             self._forget(kept)
             raise
@@ -240,12 +247,13 @@ class NodeKeeper:
         elif name not in library.files():
             known = sorted({*self._kept, *library.files()})
             raise ValueError(f"node: got {name!r}; expected one of {', '.join(known)}")
-        watch = _Watch(1.0 / rate, time.monotonic() + lasts)
+        now = time.monotonic()
+        watch = _Watch(1.0 / rate, now + lasts)
         with self._lock:
+            self._watches = {each: old for each, old in self._watches.items() if old.until > now}
             before = self._watches.get((name, port))
             if before is not None:  # asked again, or by somebody else: as often as the more curious one wants
-                still = before.until > time.monotonic()
-                watch.period_s = min(watch.period_s, before.period_s) if still else watch.period_s
+                watch.period_s = min(watch.period_s, before.period_s)
                 watch.told_at = before.told_at
             self._watches[name, port] = watch
         if kept is not None and before is None and port in kept.values:

@@ -69,6 +69,7 @@ class _Warm:
         self._ends, ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._gone = gone
         self._running: dict[int, NodesProcess] = {}
+        self._dead = False
         self._early: dict[int, int] = {}
         """statuses of those that ended before their start was known here"""
         self._lock = threading.Lock()
@@ -97,7 +98,7 @@ class _Warm:
             raise ConnectionResetError("the warm process has ended")
         process = NodesProcess(msgspec.msgpack.decode(answer, type=Forked).process)
         with self._lock:
-            status = self._early.pop(process.pid, None)
+            status = self._early.pop(process.pid, -signal.SIGKILL if self._dead else None)
             if status is None:
                 self._running[process.pid] = process
         if status is not None:
@@ -125,7 +126,7 @@ class _Warm:
         self._gone(self)
         self.process.wait()
         with self._lock:
-            running, self._running = self._running, {}
+            running, self._running, self._dead = self._running, {}, True
         for process in running.values():
             process.ended(-signal.SIGKILL)
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
@@ -42,7 +43,7 @@ def running(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
                 str(each.restarts),
                 each.why or each.last,
             )
-            table.add_row(each.name, each.node, each.state, str(each.process), *what)
+            table.add_row(each.name, each.node, each.state, str(each.process), *map(escape, what))
         _out.print(table)
 
 

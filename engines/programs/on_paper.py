@@ -40,7 +40,7 @@ class Played:
         :param names: resources, and parameters and variables that are not to have their defaults
         """
         found = library.load(str(program))
-        needed = {state.file.do for state in found.states() if state.file.do}
+        needed = {state.file.do for state in found.states() if state.file.do and state.called is None}
         if missing := sorted(needed - fakes.keys()):
             raise ValueError(f"fakes: {missing[0]} is missing; expected all of {', '.join(sorted(needed))}")
         self.visits: list[str] = []

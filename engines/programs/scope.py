@@ -5,6 +5,7 @@ A program that a state of another one runs has a scope of its own: no name means
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -111,7 +112,7 @@ class Scope:
             except NO_VALUE as missing:
                 raise ValueError(f"output {name} has no value: {missing}") from missing
             if problem := of_type(value, output.type):
-                raise ValueError(f"output {name}: got {value!r}, {problem}")
+                raise ValueError(f"output {name}: got {value!r}; {problem}")
             found[name] = value
         return found
 
@@ -227,9 +228,11 @@ class Scopes:
 
 def of_type(value: Any, type: str) -> str:
     """What is wrong with a value of a type as parameters and outputs have it; empty when nothing is."""
-    kinds: dict[str, Any] = {"text": str, "bool": bool, "integer": int, "number": int | float}
-    if isinstance(value, kinds[type]) and (type == "bool" or not isinstance(value, bool)):
-        return ""
-    if type == "integer" and isinstance(value, float) and value == round(value):
-        return ""
-    return f"not {'true or false' if type == 'bool' else f'a {type}'}"
+    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    fits, expected = {
+        "text": (isinstance(value, str), "a text"),
+        "bool": (isinstance(value, bool), "true or false"),
+        "integer": (number and value == round(value), "a whole number"),
+        "number": (number, "a finite number"),
+    }[type]
+    return "" if fits else f"expected {expected}"

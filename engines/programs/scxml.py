@@ -53,7 +53,7 @@ def read(file: Path) -> Document:
 
 
 def _parsed(file: Path) -> _Element:
-    parser = expat.ParserCreate(namespace_separator=" ")
+    parser = expat.ParserCreate("utf-8", " ")  # as programs are kept and hashed, whatever the file declares
     whole = _Element("", 0, {})
     inside = [whole]
 
@@ -104,7 +104,7 @@ class _Reader:
         states, first = Map(), parent.attributes.get("initial", "")
         for each in parent.children:
             if each.tag in _STATES:
-                _put(states, self._id(each), self._state(each, top=top), each.line)
+                self._once(states, self._id(each), self._state(each, top=top), each)
             elif each.tag == "datamodel":
                 for data in each.children:
                     self._data(data)
@@ -142,7 +142,7 @@ class _Reader:
                 history = Map()
                 _put(history, "type", each.attributes.get("type", "shallow"), each.line)
                 _put(history, "transitions", way, each.line)
-                _put(histories, self._id(each), history, each.line)
+                self._once(histories, self._id(each), history, each)
             elif each.tag == "invoke":
                 self._known(each)
                 if "do" in state:
@@ -176,7 +176,7 @@ class _Reader:
             self._known(each)
             if not each.attributes.keys() >= {"location", "expr"}:
                 raise self._error(each, "expected `location` and `expr`")
-            _put(sets, each.attributes["location"], each.attributes["expr"], each.line)
+            self._once(sets, each.attributes["location"], each.attributes["expr"], each)
         if sets:
             _put(way, "set", sets, element.line)
         return way
@@ -193,14 +193,14 @@ class _Reader:
             part = Map()
             for name, each in {"kind": kind, **own}.items():
                 _put(part, name, each, element.line)
-            _put(self._top["resources"], id, part, element.line)
+            self._once(self._top["resources"], id, part, element)
         elif kind := own.pop("parameter", ""):
             part = Map()
             for name, each in {"default": value, "type": kind, **own}.items():
                 _put(part, name, self._literal(element, each) if name in ("min", "max") else each, element.line)
-            _put(self._top["parameters"], id, part, element.line)
+            self._once(self._top["parameters"], id, part, element)
         else:
-            _put(self._top["variables"], id, value, element.line)
+            self._once(self._top["variables"], id, value, element)
 
     def _parameters(self, element: _Element) -> Map:
         """Arguments: what is written as a value is that value, anything else an expression."""
@@ -215,7 +215,7 @@ class _Reader:
                 value = ast.literal_eval(each.attributes["expr"])
             except (ValueError, SyntaxError):
                 value = each.attributes["expr"]
-            _put(found, each.attributes["name"], value, each.line)
+            self._once(found, each.attributes["name"], value, each)
         return found
 
     def _literal(self, element: _Element, text: str) -> Any:
@@ -225,6 +225,11 @@ class _Reader:
             raise self._error(
                 element, f"got {text!r}; expected a number, a text in quotes, True, False or None"
             ) from problem
+
+    def _once(self, target: Map, name: str, value: Any, element: _Element) -> None:
+        if name in target:
+            raise self._error(element, f"{name!r} is there already, in line {target.lines[name]}; expected one")
+        _put(target, name, value, element.line)
 
     def _only(self, element: _Element, tag: str) -> _Element:
         if [each.tag for each in element.children] != [tag]:

@@ -10,7 +10,7 @@ from affordance_templates import catalogue, template_file
 from engines.activities import ACTIVITIES
 from engines.activities.base import Kind
 from engines.nodes import library as nodes
-from engines.programs import library
+from engines.programs import library, scxml
 from engines.programs.program import Program
 from handrail import behaviour_file, workspace
 from handrail.bundles.manifest import Bundle, bundle
@@ -42,14 +42,15 @@ def _needed(program: Program) -> Iterator[tuple[str, Path]]:
                 if declared is None or not isinstance(value, str):
                     continue
                 if declared.kind is Kind.NODE:
-                    yield from _node(nodes.find(value))
+                    yield from _node(nodes.find(value).resolve())
                 elif declared.kind is Kind.BEHAVIOUR and (file := behaviour_file.files().get(value)):
                     yield f"behaviours/{file.name}", file
 
 
 def _own(program: Program) -> Iterator[tuple[str, Path]]:
     """Its file, and its resources' templates."""
-    yield f"rtc_programs/{program.name}{program.document.file.suffix}", program.document.file
+    source = program.document.file
+    yield f"rtc_programs/{program.name}{scxml.SUFFIX if source.suffix == scxml.SUFFIX else '.yaml'}", source
     known = catalogue.files()
     for resource in program.resources.values():
         if file := known.get(resource.template):
@@ -60,13 +61,18 @@ def _own(program: Program) -> Iterator[tuple[str, Path]]:
 
 
 def _node(file: Path) -> Iterator[tuple[str, Path]]:
-    """A node's file, with its parts and the Python files beside it that it imports."""
-    yield f"nodes/{file.name}", file
-    if file.suffix == ".py":
-        yield from _modules(file, file.parent)
-    else:
-        for part in nodes.parts(file):
-            yield from _node(part)
+    """A node's file, with its parts and the Python files beside it that it imports. Raises ValueError where code can't be read."""
+    waiting, seen = [file], {file}
+    while waiting:
+        each = waiting.pop()
+        yield f"nodes/{each.name}", each
+        if each.suffix == ".py":
+            yield from _modules(each, each.parent)
+            continue
+        for part in nodes.parts(each):
+            if part not in seen:  # a composite that is a part of itself is refused where it is loaded
+                seen.add(part)
+                waiting.append(part)
 
 
 def _modules(file: Path, folder: Path) -> Iterator[tuple[str, Path]]:
@@ -85,7 +91,11 @@ def _modules(file: Path, folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _imported(file: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"), str(file))):
+    try:
+        tree = ast.parse(file.read_bytes(), str(file))
+    except SyntaxError as problem:
+        raise ValueError(f"{file}:{problem.lineno}: {problem.msg}; expected Python") from problem
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

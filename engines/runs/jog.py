@@ -118,5 +118,6 @@ class JogExecution:
             target = self._target
             motion = JointTarget(joints=list(self.joints), positions=target, speed=self._speed)
             ended = self._motion.run(motion, [], self._cancelled, what="jog")
-            if np.abs(np.array(ended.command)[rows] - self._target).max() < _THERE:
-                return
+            with self._lock:  # `turned_to` sets it once the daemon has taken it
+                if np.abs(np.array(ended.command)[rows] - self._target).max() < _THERE:
+                    return

@@ -104,6 +104,27 @@ def test_a_node_that_was_started_is_told_with_its_ports_and_newest_values(told):
         keeper.stop("adder")
 
 
+def test_a_node_that_is_stopped_while_it_is_loaded_does_not_come_up(told, own, wait_until):
+    (own / "nodes" / "slow.py").write_text(
+        f"import time\nopen({str(own / 'begun')!r}, 'w').close()\ntime.sleep(600)\n" + NODE.format(more="")
+    )
+    failed: list[NodeFailed] = []
+
+    def start() -> None:
+        try:
+            told.keeper.start("slow")
+        except NodeFailed as problem:
+            failed.append(problem)
+
+    starting = threading.Thread(target=start)
+    starting.start()
+    wait_until((own / "begun").exists)
+    told.keeper.stop("slow")
+    starting.join(30.0)
+    assert [each.why for each in failed] == ["node slow was not wanted any more, and was killed"]
+    assert told.keeper.states() == []
+
+
 def test_a_port_is_told_while_it_is_watched_no_more_often_than_asked(told):
     keeper = told.keeper
     process = keeper.start("sum")

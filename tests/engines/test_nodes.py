@@ -262,3 +262,15 @@ def test_a_node_that_nobody_wants_any_more_while_it_is_loaded_is_killed_at_once(
     closing.set()
     with pytest.raises(NodeFailed, match="was not wanted any more, and was killed"):
         NodeProcess(endless, closing=closing)
+
+
+def test_a_nodes_file_may_have_dataclasses_whose_annotations_are_looked_up_later(tmp_path):
+    file = tmp_path / "held.py"
+    file.write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "from engines.nodes import Node\n"
+        "@dataclass\nclass Held:\n    force: float = 2.0\n"
+        "class Keeps(Node):\n    held = Held()\n"
+    )
+    assert load(file).held.force == 2.0

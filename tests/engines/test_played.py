@@ -36,3 +36,23 @@ def test_a_fake_that_fails_takes_the_programs_own_way_out(program):
 def test_a_fake_that_is_missing_is_named(program):
     with pytest.raises(ValueError, match="fakes: node is missing; expected all of behave, node"):
         Played(program, {"behave": lambda given: {}}, arm="left")
+
+
+def test_a_program_that_runs_another_one_needs_fakes_of_what_is_done_alone(program, tmp_path, monkeypatch):
+    (tmp_path / "rtc_programs").mkdir()
+    program.rename(tmp_path / "rtc_programs" / program.name)
+    outer = tmp_path / "outer.yaml"
+    outer.write_text("""\
+title: Outer
+resources: {arm: {kind: arm}}
+states:
+  calling:
+    do: program
+    with: {program: press_on, bind: {arm: arm}}
+    transitions: [{event: done.invoke.calling, target: good}, {event: error.execution, target: bad}]
+  good: {final: true, outcome: succeeded}
+  bad: {final: true, outcome: failed}
+""")
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    played = Played(outer, {"behave": lambda given: {}, "node": lambda given: {"force": 9.0}}, arm="left")
+    assert (played.outcome, played.visits) == ("succeeded", ["calling/pressing", "calling/looking"])

@@ -170,3 +170,28 @@ def test_a_program_travels_with_those_that_it_runs(tmp_path, monkeypatch):
     write(tmp_path, workspace)
     monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
     assert bundle_of("outer").manifest.files.keys() == workspace.keys()
+
+
+def test_a_node_that_is_a_part_of_itself_travels_to_where_that_is_refused(tmp_path, monkeypatch):
+    workspace = {
+        "rtc_programs/find.yaml": NODE_PROGRAM,
+        "nodes/chain.yaml": "nodes: {again: {node: chain}}\noutputs: {}\n",
+    }
+    write(tmp_path, workspace)
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    assert bundle_of("find").manifest.files.keys() == workspace.keys()
+
+
+def test_a_node_that_is_no_python_is_named_before_anything_travels(tmp_path, monkeypatch):
+    write(tmp_path, {"rtc_programs/find.yaml": NODE_PROGRAM, "nodes/chain.py": "import os\ndef f(:\n"})
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    with pytest.raises(ValueError, match=r"nodes/chain\.py:2: .*; expected Python"):
+        bundle_of("find")
+
+
+def test_a_program_of_another_suffix_travels_under_the_one_that_it_is_found_by(tmp_path):
+    file = tmp_path / "ask.yml"
+    file.write_text(
+        PROGRAM.format(text="?").replace("do: behave", "do: prompt").replace("behaviour: nudge, arm: arm", "text: on?")
+    )
+    assert list(bundle_of(str(file)).manifest.files) == ["rtc_programs/ask.yaml"]

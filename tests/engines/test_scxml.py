@@ -116,9 +116,21 @@ def test_it_is_found_in_a_workspace_by_its_name(tmp_path, monkeypatch):
         ("<scxml xmlns=", '<!DOCTYPE a [<!ENTITY b "c">]><scxml xmlns=', r":2: <!DOCTYPE>: "),
         ('id="n" expr="0"', 'id="n" expr="f()"', r":6: <data>: got 'f\(\)'; expected a number"),
         ('<state id="resting">', "<state>", r":11: <state>: has no id"),
+        ('<state id="resting">', '<state id="asking">', r":12: <state>: 'asking' is there already, in line 11; expected one"),
+        ('<data id="n"', '<data id="n" expr="1"/><data id="n"', r":6: <data>: 'n' is there already, in line 6; expected one"),
     ],
 )  # fmt: skip
 def test_what_no_program_can_say_is_refused_by_line_and_element(read, old, new, told):
     assert old in FILE
     with pytest.raises(ConfigError, match=r"twice\.scxml" + told):
         read(FILE.replace(old, new, 1))
+
+
+def test_a_file_that_is_not_in_utf_8_is_refused_by_its_line(tmp_path):
+    file = tmp_path / "twice.scxml"
+    text = FILE.replace('version="1.0"?', 'version="1.0" encoding="ISO-8859-1"?').replace("Ask twice", "Frag über")
+    file.write_bytes(text.encode("latin-1"))
+    with pytest.raises(ConfigError, match=r"twice\.scxml:2: not XML: .*invalid token"):
+        program.read(file)
+    file.write_bytes(text.encode())
+    assert program.read(file).title == "Frag über"

@@ -308,3 +308,24 @@ def test_editors_complete_what_a_call_is_given_and_what_a_program_gives_back(wri
     wrong = {"title": "T", "states": {"a": {"do": "program", "with": {"bind": {}}}}}
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(wrong, schema)
+
+
+@pytest.mark.parametrize(
+    ("declared", "value", "got"),
+    [
+        ("number", "1e308 * 10", "inf; expected a finite number"),
+        ("number", "'near'", "'near'; expected a finite number"),
+        ("integer", "n + 0.5", "0.5; expected a whole number"),
+        ("bool", "n", "0; expected true or false"),
+        ("text", "n", "0; expected a text"),
+    ],
+)
+def test_an_output_that_is_not_what_its_file_says_fails_the_state(begin, step, declared, value, got):
+    chart = begin(
+        grip=GRIP.replace("found: {unit: m}", f'found: {{value: "{value}", type: {declared}}}'),
+        move=MOVE.replace("    retry: 1\n", ""),
+    )
+    step(1).end({"answer": "yes"})
+    while chart.ended is False:
+        assert chart.step(30.0)
+    assert (chart.ended.id, chart.variables()["why"]) == ("bad", f"odd: gripping/held: output found: got {got}")

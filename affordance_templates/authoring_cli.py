@@ -21,11 +21,10 @@ from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, 
 from handrail.link.keys import KeysError
 from handrail.messages import InstanceState, RobotState
 from handrail.robot import description as robots
+from handrail.robot_option import ConnectTo, Keys
 
 _out, _err = Console(), Console(stderr=True)
 
-_ConnectTo = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
-_Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 _To = Annotated[
     Path | None, typer.Option("--to", help="File; left out: NAME.yaml in the workspace's affordance_templates.")
 ]
@@ -74,8 +73,8 @@ def record(
     approach: str = "straight",
     hand_pose: str = "",
     to: _To = None,
-    connect_to: _ConnectTo = DEFAULT_ADDRESS,
-    keys: _Keys = None,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
 ) -> None:
     """Record the robot's present pose as a waypoint, in the template's own file if that is in the workspace."""
     with _problems("record"), connect(connect_to, keys) as robot:
@@ -106,8 +105,8 @@ def save(
     instance: Annotated[str, typer.Argument(help="An instance that is placed.")],
     name: Annotated[str, typer.Argument(help="What to call the template.")],
     to: _To = None,
-    connect_to: _ConnectTo = DEFAULT_ADDRESS,
-    keys: _Keys = None,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
 ) -> None:
     """Save an instance as a template of your own: its parameters' values are the defaults."""
     with _problems("save"), connect(connect_to, keys) as robot:

@@ -42,10 +42,12 @@ from engines.programs.deployment import Deployed
 from engines.programs.rehearsal import Rehearsal
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
+from engines.runs.job import Job
 from engines.runs.jog import JogExecution
 from engines.runs.journal import RunJournal
+from engines.runs.plan_execution import PlanExecution
 from engines.runs.prompts import Prompts
-from engines.runs.run import Job, PlanExecution, ProgramRun, Start
+from engines.runs.run import ProgramRun, Start
 from engines.service import DeferringService, Wake
 from engines.shared_instances import SharedInstances
 from engines.tip_poses import TipPose, tip_poses

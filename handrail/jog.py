@@ -14,14 +14,12 @@ import typer
 
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.link.keys import KeysError
+from handrail.robot_option import ConnectTo, Keys
 
 _NUMBER = re.compile(r"(?P<sign>[+-])?(?P<size>\d+(\.\d*)?|\.\d+)(?P<unit>deg|°|rad|m)?")
 
 NUMBERS = {"ignore_unknown_options": True}
 """of a command's context, so that -0.1 is a number and no option"""
-
-ConnectTo = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
-Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 
 
 def jog(

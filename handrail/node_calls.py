@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from handrail.link.events import Events
 from handrail.messages import (
@@ -24,11 +24,10 @@ _LASTS_S, _RENEWED_S = 10.0, 4.0
 class NodeCalls:
     """Part of `handrail.client.Client`."""
 
-    def call(self, message: Any, timeout_s: float | None = None) -> Any:
-        raise NotImplementedError
+    if TYPE_CHECKING:  # the client has them
 
-    def events(self, *kinds: type, timeout_s: float = 5.0) -> Events:
-        raise NotImplementedError
+        def call(self, message: Any, timeout_s: float | None = None) -> Any: ...
+        def events(self, *kinds: type, timeout_s: float = 5.0) -> Events: ...
 
     def nodes(self) -> list[NodeState]:
         """The nodes that the engine runs: their ports with the newest values, what they use, how often they were started anew."""

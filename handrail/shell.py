@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import handrail
 from handrail import messages
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.link.keys import KeysError
+from handrail.robot_option import ConnectTo, Keys
 
 _AT_HAND = """\
   robot      the connection: robot.<Tab> lists its calls, robot.plan? tells about one
@@ -22,10 +22,8 @@ _AT_HAND = """\
 
 
 def shell(
-    connect_to: Annotated[
-        str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")
-    ] = DEFAULT_ADDRESS,
-    keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
     command: Annotated[
         str | None, typer.Option("-c", metavar="CODE", help="Run this instead of asking, and leave.")
     ] = None,

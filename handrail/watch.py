@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -14,6 +13,7 @@ import typer
 from handrail.client import DEFAULT_ADDRESS, Part, Selection, Unreachable, connect
 from handrail.link.codec import REMOTE_EVENTS
 from handrail.link.keys import KeysError
+from handrail.robot_option import ConnectTo, Keys
 
 
 def watch(
@@ -28,10 +28,8 @@ def watch(
         typer.Option(help="FIELD=PATTERN|PATTERN: only events that match, e.g. 'level=warning|error'."),
     ] = None,
     count: Annotated[int, typer.Option(min=0, help="End after so many, 0: never.")] = 0,
-    robot: Annotated[
-        str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")
-    ] = DEFAULT_ADDRESS,
-    keys: Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")] = None,
+    robot: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
 ) -> None:
     """Show events as JSON, a line each, until Ctrl-C; at the end, what they cost the link. Only what was chosen is sent.
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -13,14 +11,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
-from handrail.link.keys import KeysError
+from handrail.client import DEFAULT_ADDRESS
+from handrail.robot_option import ConnectTo, Keys, the_robot
 
 _out = Console()
 _err = Console(stderr=True)
 
-Robot = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
-Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 Running = Annotated[str, typer.Argument(help="What it is called where it runs.")]
 Set = Annotated[list[str] | None, typer.Option("--set", help="parameter=VALUE")]
 Given = Annotated[list[str] | None, typer.Option("--input", help="input=VALUE, as JSON; a text as it is.")]
@@ -32,9 +28,9 @@ def add_to(app: typer.Typer) -> None:
         app.command()(verb)
 
 
-def running(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def running(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Show the nodes that the robot's engine runs, and what they use."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         table = Table("name", "node", "state", "process", "CPU", "own memory", "started anew", "last words", box=None)
         for each in robot.nodes():
             what = (
@@ -52,12 +48,12 @@ def start(
     name: Annotated[str, typer.Option(help="What to call it.")] = "",
     set_: Set = None,
     input_: Given = None,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Start a node beside the program; it runs until it is stopped."""
     params, inputs = values("--set", set_), values("--input", input_)
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.start_node(node, name=name, params=params, inputs=inputs)
 
 
@@ -66,24 +62,24 @@ def put(
     set_: Set = None,
     input_: Given = None,
     step: Annotated[bool, typer.Option("--step", help="One step with them.")] = False,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Give a node that runs new inputs and parameters, all or none."""
     params, inputs = values("--set", set_), values("--input", input_)
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.put_node(node, inputs, params, step=step)
 
 
-def reload(node: Running, connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def reload(node: Running, connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Let a node go on in its file as it is now. Exits with 1 where that can't run: it goes on as it was."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.reload_node(node)
 
 
-def stop(node: Running, connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def stop(node: Running, connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """End a node that was started beside the program."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.stop_node(node)
 
 
@@ -91,33 +87,19 @@ def watch(
     port: Annotated[str, typer.Argument(metavar="NODE.PORT", help="What to watch.")],
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Values a second at most.")] = 5.0,
     count: Annotated[int, typer.Option(min=0, help="End after so many; 0: go on until Ctrl-C.")] = 0,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Print what goes through a port, a line of JSON each: value, how many there were so far; of a large array its range."""
     node, dot, name = port.partition(".")
     if not (node and dot and name):
         raise typer.BadParameter(f"got {port!r}; expected NODE.PORT", param_hint="NODE.PORT")
-    with _robot(connect_to, keys) as robot, contextlib.suppress(KeyboardInterrupt):
+    with the_robot(connect_to, keys) as robot, contextlib.suppress(KeyboardInterrupt):
         for number, event in enumerate(robot.watch_port(node, name, rate=rate), 1):
             told = {"value": event.value, "count": event.count} | ({"summary": event.summary} if event.summary else {})
             print(json.dumps(told), flush=True)
             if number == count:
                 break
-
-
-@contextlib.contextmanager
-def _robot(address: str, keys: Path | None) -> Iterator[Client]:
-    """A robot's client; what it refuses, and that it is not there, ends the command with 1 and words."""
-    try:
-        with connect(address, keys) as robot:
-            yield robot
-            return
-    except RefusedError as refused:
-        _err.print(str(refused), style="red", markup=False, highlight=False, soft_wrap=True)
-    except (Unreachable, KeysError, ValueError) as problem:
-        _err.print(f"{address}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
-    raise typer.Exit(1)
 
 
 def values(option: str, texts: list[str] | None) -> dict[str, Any]:

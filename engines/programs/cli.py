@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -15,16 +14,14 @@ from rich.table import Table
 
 from engines.programs import library
 from engines.programs.program import Program
-from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
+from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable
 from handrail.config import ConfigError
-from handrail.link.keys import KeysError
 from handrail.messages import LogLine, Prompt, PromptClosed, RunState, TaskCheck
+from handrail.robot_option import ConnectTo, Keys, the_robot
 
 app = typer.Typer(help="Check, list and run programs.", no_args_is_help=True, add_completion=False)
 _out = Console()
 _err = Console(stderr=True)
-Robot = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
-Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 _RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
 _SILENT_S = 2.0
 
@@ -190,7 +187,7 @@ def run(
         bool, typer.Option("--check", help="Rehearse it first, and run it only if all its motions are feasible.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Approve every prompt (its first option) without asking.")] = False,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Deploy a program on a robot that is up, run it, and follow it to its end. Ctrl-C stops the run, at a prompt too.
@@ -199,53 +196,39 @@ def run(
     """
     bindings, given = _pairs("--bind", bind), _pairs("--set", set_)
     parameters = {name: _value(text) for name, text in given.items()}
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         raise typer.Exit(_follow(robot, program, bindings, parameters, yes, check_first))
 
 
-@contextlib.contextmanager
-def _robot(address: str, keys: Path | None) -> Iterator[Client]:
-    """A robot's client; what it refuses, and that it is not there, ends the command with 1 and words."""
-    try:
-        with connect(address, keys) as robot:
-            yield robot
-            return
-    except RefusedError as refused:
-        _err.print(str(refused), style="red", markup=False, highlight=False, soft_wrap=True)
-    except (Unreachable, KeysError, ValueError) as problem:
-        _err.print(f"{address}: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
-    raise typer.Exit(1)
-
-
 @app.command()
-def pause(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def pause(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Pause the program that runs: the motion stops smoothly, nothing new begins."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.pause_run()
 
 
 @app.command()
-def resume(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def resume(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Let a paused program go on."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.resume_run()
 
 
 @app.command()
-def step(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def step(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Let a paused program go on until its next activity is about to begin."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.step_run()
 
 
 @app.command("break")
 def break_(
     states: Annotated[list[str] | None, typer.Argument(help="States before which to pause; none: nowhere.")] = None,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Set breakpoints, instead of those that there are: the program pauses before what these states do."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.set_breakpoints(states or [])
 
 
@@ -253,11 +236,11 @@ def break_(
 def skip(
     state: Annotated[str, typer.Argument(help="An active state.")],
     way: Annotated[int | None, typer.Option(help="Index of the transition to take instead, as in the file.")] = None,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Leave a state as though it were done, or by the way that is given, whatever its guard says."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.skip(state) if way is None else robot.take_transition(state, way)
 
 
@@ -265,36 +248,38 @@ def skip(
 def from_(
     state: Annotated[str, typer.Argument(help="The state to begin in.")],
     paused: Annotated[bool, typer.Option("--paused", help="Wait before what it does.")] = False,
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Run the last program anew from a state, with what it remembers."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         _out.print(robot.run_from(state, paused=paused).run, highlight=False)
 
 
 @app.command("set")
 def set_parameters(
     values: Annotated[list[str], typer.Argument(help="parameter=VALUE")],
-    connect_to: Robot = DEFAULT_ADDRESS,
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Change parameters of the program that runs: each counts from its next use."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.set_run_parameters({name: _value(text) for name, text in _pairs("values", values).items()})
 
 
 @app.command()
-def autonomy(level: Annotated[Level, typer.Argument()], connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def autonomy(
+    level: Annotated[Level, typer.Argument()], connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None
+) -> None:
     """Set how much programs do without asking: transitions that name this level or one above it are asked about first."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         robot.set_autonomy(level.value)
 
 
 @app.command()
-def history(connect_to: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def history(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Show what the last run went through: states, how long each lasted, what ended it."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         found = robot.run_history()
     table = Table("at", "state", "lasted", "ended by", title=found.run)
     start = found.visits[0].entered_ns if found.visits else 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from datetime import datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,14 +19,13 @@ from handrail.client import DEFAULT_ADDRESS, RefusedError, Unreachable, connect
 from handrail.config import ConfigError
 from handrail.link.keys import KeysError
 from handrail.messages import Release, Releases
+from handrail.robot_option import ConnectTo, Keys
 
 app = typer.Typer(
     help="Which code the robot's engines have: list, show, roll back.", no_args_is_help=True, add_completion=False
 )
 _out = Console()
 _err = Console(stderr=True)
-Robot = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
-Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 Engine = Annotated[str, typer.Option(help="The engine's name, if not the first.")]
 Note = Annotated[str, typer.Option(help="What for: it is kept with the release.")]
 
@@ -37,7 +35,7 @@ def deploy(
     *,
     engine: Engine = "",
     note: Note = "",
-    robot: Robot = DEFAULT_ADDRESS,
+    robot: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Bring a program, with the nodes, behaviours, templates and scenes that it needs, to an engine.
@@ -64,7 +62,7 @@ def _progress(sent: int, known: int) -> None:
 
 
 @app.command("list")
-def list_(robot: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def list_(robot: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """Which engine has and runs which program, and whether it is what is here."""
     with _telling(), connect(robot, keys) as client:
         table = Table("engine", "program", "release", "by", "since", "here", "runs", box=None)
@@ -105,7 +103,7 @@ def _here(program: str, found: Releases) -> str:
 
 
 @app.command()
-def show(engine: Engine = "", robot: Robot = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+def show(engine: Engine = "", robot: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """An engine's releases, oldest first: the last one is in force, the others can be gone back to."""
     with _telling(), connect(robot, keys) as client:
         table = Table("release", "program", "by", "since", "changed", "note", box=None)
@@ -123,7 +121,7 @@ def rollback(
     *,
     engine: Engine = "",
     note: Note = "",
-    robot: Robot = DEFAULT_ADDRESS,
+    robot: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Bring back the code of an earlier release, as a new one. Needs a developer's key."""

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engines.activities.base import Services
-from engines.runs.motion import Motion, MotionFailed
-from engines.runs.parts import Parts
-from engines.runs.run import reach
+from engines.runs.job import MotionJob
+from engines.runs.motion import MotionFailed
 from handrail.messages import Jog, Jogged, JointTarget
 from handrail.topics import RefusedError, refuse
 
@@ -24,12 +23,13 @@ _THERE = 1e-3
 """rad"""
 
 
-class JogExecution:
+class JogExecution(MotionJob):
     """A jog that runs. Nobody has planned it: the daemon's guard is what knows of bodies in the way."""
 
     def __init__(self, services: Services, call: Jog, answer: Future[Any]):
         """`answer` is given once the joints are there, or refused with the reason. Raises RefusedError for what can't be meant."""
-        self._services, self._speed, self._answer = services, call.speed, answer
+        super().__init__(services, "jog")
+        self._speed, self._answer = call.speed, answer
         self.joints = tuple(call.joints)
         here = services.daemon.command()
         if here is None:
@@ -37,9 +37,7 @@ class JogExecution:
         if unknown := [joint for joint in self.joints if joint not in services.description.joints]:
             raise refuse("no such joint", "joints", unknown[0], f"one of {', '.join(services.description.joints)}")
         self._target = self._wanted(call, here[services.description.index(self.joints)])
-        self._motion = Motion(services.daemon, Parts(services.daemon, services.description.groups))
-        self._cancelled, self._lock, self._over = threading.Event(), threading.Lock(), False
-        self._thread = threading.Thread(target=self._drive, name="jog", daemon=True)
+        self._lock, self._over = threading.Lock(), False
         self._thread.start()
 
     def _wanted(self, call: Jog, here: Sequence[float] | NDArray[np.float64]) -> list[float]:
@@ -75,23 +73,6 @@ class JogExecution:
             older, self._answer, self._target = self._answer, answer, target
         older.set_exception(refuse("superseded by a newer jog of the same joints"))
         return True
-
-    def pause(self) -> None:
-        """Stop on the way."""
-        reach(self._motion.pause)
-
-    def resume(self) -> None:
-        """Go on."""
-        reach(self._motion.resume)
-
-    def stop(self) -> None:
-        """Cancel it; the robot holds."""
-        self._cancelled.set()
-        reach(self._motion.interrupt)
-
-    def join(self, timeout_s: float) -> None:
-        """Wait until it has ended."""
-        self._thread.join(timeout_s)
 
     def _drive(self) -> None:
         problem: RefusedError | None = None

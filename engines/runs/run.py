@@ -1,24 +1,21 @@
-"""A program that runs, or a plan executed by itself: both can be paused, resumed and stopped, and that acts on the motion."""
+"""A program that runs: it can be paused, resumed and stopped, and that acts on the motion."""
 
 from __future__ import annotations
 
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from engines import identifiers
 from engines.activities import ACTIVITIES
-from engines.activities.base import Activity, ActivityFailed, Context, Services
-from engines.activities.execute import check, execute
+from engines.activities.base import Activity, Context, Services
 from engines.learning.facts import RunNotes
 from engines.learning.learner import RunWatch
-from engines.plans.store import PlanRecord
 from engines.programs.deployment import Deployed, check_breakpoints, check_parameters
 from engines.programs.program import State
 from engines.programs.statechart import Chart
@@ -26,10 +23,11 @@ from engines.runs.autonomy import Permissions, Question
 from engines.runs.clock import RunClock
 from engines.runs.gate import RunGate
 from engines.runs.history import RunHistory
+from engines.runs.job import reach
 from engines.runs.motion import Motion
 from engines.runs.parts import Parts
 from handrail import workspace
-from handrail.messages import PlanPreview, RunState, StateVisit
+from handrail.messages import RunState, StateVisit
 from handrail.topics import Unreachable, refuse
 
 _SETTLE_S = 3.0
@@ -37,17 +35,6 @@ _SETTLE_S = 3.0
 HOLD_S = 30.0
 """wall time for which simulated time waits at most, while a program computes (lock-step)"""
 _log = logging.getLogger(__name__)
-
-
-class Job(Protocol):
-    """What the engine is busy with."""
-
-    @property
-    def active(self) -> bool: ...
-    def pause(self) -> None: ...
-    def resume(self) -> None: ...
-    def stop(self) -> None: ...
-    def join(self, timeout_s: float) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -346,68 +333,3 @@ class ProgramRun:
                 return
             self._state = state
             self._publish(state)
-
-
-class PlanExecution:
-    """A plan's segments, executed because an operator asked for it, without a program."""
-
-    def __init__(self, services: Services, record: PlanRecord, segments: Sequence[str]):
-        """Raises ActivityFailed when the plan is stale, or has no such segments."""
-        check(services, record, segments)
-        self._services, self._record, self._segments = services, record, segments
-        parts = Parts(services.daemon, services.description.groups)
-        self._motion, self._cancelled = Motion(services.daemon, parts), threading.Event()
-        self.plan, self.ended = record.plan.id, Future[PlanPreview]()
-        """done when nothing moves any more: RefusedError where it did not end as planned"""
-        self._thread = threading.Thread(target=self._drive, name=f"execute {record.plan.id}", daemon=True)
-        self._thread.start()
-
-    @property
-    def active(self) -> bool:
-        return not self.ended.done()
-
-    def pause(self) -> None:
-        """Stop the motion along its path."""
-        reach(self._motion.pause)
-
-    def resume(self) -> None:
-        """Go on."""
-        reach(self._motion.resume)
-
-    def stop(self) -> None:
-        """Cancel the motion; the robot holds."""
-        self._cancelled.set()
-        reach(self._motion.interrupt)
-
-    def join(self, timeout_s: float) -> None:
-        """Wait until it has ended."""
-        self._thread.join(timeout_s)
-
-    def _drive(self) -> None:
-        label, problem = self._record.plan.label, ""
-        try:
-            ended = execute(self._services, self._motion, self._record, self._segments, self._cancelled)
-        except ActivityFailed as failed:
-            problem = str(failed)
-            self._services.log("info" if failed.reason == "cancelled" else "error", f"{label}: {failed}")
-        except Exception as crash:  # noqa: BLE001
-            _log.exception("%s crashed", label)
-            problem = f"the engine's own error: {type(crash).__name__}: {crash}"
-            self._services.log("error", f"{label}: {problem}")
-        else:
-            level = "info" if ended["outcome"] == "done" else "warning"
-            self._services.log(level, f"{label}: {ended['outcome']} after {ended['segment']}")
-        finally:
-            self._motion.end()
-        if problem:
-            self.ended.set_exception(refuse(problem))
-        else:
-            self.ended.set_result(self._services.plans.preview(self._record, ghost=False))
-
-
-def reach(command: Callable[[], None]) -> None:
-    """Do it. Raises RefusedError where the daemon does not answer."""
-    try:
-        command()
-    except Unreachable as silent:
-        raise refuse(f"the daemon does not answer: {silent}") from silent

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -15,10 +13,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
-from handrail.link.keys import KeysError
+from handrail.client import DEFAULT_ADDRESS
 from handrail.messages import FrameGoal, PlanPreview, Pose, PostureGoal
 from handrail.plan.words import asked_for, figure_of, value_of, worst_of
+from handrail.robot_option import ConnectTo, Keys, fail, the_robot
 
 app = typer.Typer(help="Look at plans.", no_args_is_help=True, add_completion=False)
 _out = Console()
@@ -35,8 +33,6 @@ _NUMBERS = {"ignore_unknown_options": True}
 """so that -0.3 is a number and no option"""
 
 Plan = Annotated[str, typer.Argument(help="Its id, the end of one, `last`, or a file that `export` wrote.")]
-ConnectTo = Annotated[str, typer.Option("--connect", envvar="HANDRAIL_ADDRESS", help="Address of the robot's link.")]
-Keys = Annotated[Path | None, typer.Option(help="Folder of keys, if not this user's own.")]
 
 
 @app.callback()
@@ -47,7 +43,7 @@ def _plan() -> None:
 @app.command("list")
 def list_(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
     """List the plans that are kept, oldest first, and why a stale one is stale."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         plans = robot.snapshot().plans
     if not plans:
         _out.print("no plan was made yet")
@@ -77,7 +73,7 @@ def make(
     keys: Keys = None,
 ) -> None:
     """Plan a template's trajectory from where the robot is now, and show it. Nothing moves."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         plan = robot.plan(instance, trajectory, "" if arm == "any" else arm, arc=arc, seen=seen)
         _show(robot.get_plan(plan.id, details=True))
 
@@ -90,7 +86,7 @@ def choices(
     keys: Keys = None,
 ) -> None:
     """Rank arms and places around the joint by how much of a behaviour they can do, then by how far the arm has to go."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         found = robot.rank_choices(instance, trajectory)
     table = Table("trajectory", "arm", "arc", "feasible", "way", "lacks", box=None)
     for each in found:
@@ -118,7 +114,7 @@ def reach(
 ) -> None:
     """Plan a motion of an arm's tool tip to a place, and show it. Nothing moves."""
     goal = _tip_at((x, y, z), orientation, instance, feature)
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         plan = robot.plan_motion([goal], arm, after=after, relax=["goals[0]"] if relax else [])
         _show(robot.get_plan(plan.id, details=True))
 
@@ -133,7 +129,7 @@ def posture(
     keys: Keys = None,
 ) -> None:
     """Plan a motion to a posture of the robot's, of all joints if neither arm nor joints are named. Nothing moves."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         moving = joints or ([] if arm else robot.robot().joints)
         plan = robot.plan_motion([PostureGoal(name=name)], arm, joints=moving, after=after)
         _show(robot.get_plan(plan.id, details=True))
@@ -151,7 +147,7 @@ def edit(
     keys: Keys = None,
 ) -> None:
     """Plan a motion to goals anew so that the tool's tip passes a place; later edits keep it. Nothing moves."""
-    with _robot(connect_to, keys) as robot:
+    with the_robot(connect_to, keys) as robot:
         id = _id(plan, [each.id for each in robot.snapshot().plans])
         new = robot.edit_plan(id, [_tip_at((x, y, z))], time=time, frame=frame)
         _show(robot.get_plan(new.id, details=True))
@@ -190,9 +186,9 @@ def plot(
 
         draw(found, png)
     except ModuleNotFoundError as missing:
-        _fail(f"plots need the package {missing.name}: pip install 'handrail[sim]'")
+        fail(f"plots need the package {missing.name}: pip install 'handrail[sim]'")
     except (OSError, ValueError) as problem:
-        _fail(str(problem))
+        fail(str(problem))
     _out.print(f"{png}: {found.label}, {found.id}", highlight=False, markup=False, soft_wrap=True)
 
 
@@ -211,7 +207,7 @@ def export(
     try:
         json.write_bytes(text + b"\n")
     except OSError as problem:
-        _fail(str(problem))
+        fail(str(problem))
 
 
 def _found(plan: str, connect_to: str, keys: Path | None) -> PlanPreview:
@@ -220,8 +216,8 @@ def _found(plan: str, connect_to: str, keys: Path | None) -> PlanPreview:
         try:
             return msgspec.json.decode(Path(plan).read_bytes(), type=PlanPreview)
         except (OSError, msgspec.DecodeError) as problem:
-            _fail(f"{plan}: {problem}; expected a plan that `handrail plan export` wrote")
-    with _robot(connect_to, keys) as robot:
+            fail(f"{plan}: {problem}; expected a plan that `handrail plan export` wrote")
+    with the_robot(connect_to, keys) as robot:
         return robot.get_plan(_id(plan, [each.id for each in robot.snapshot().plans]), details=True)
 
 
@@ -231,22 +227,6 @@ def _id(plan: str, known: list[str]) -> str:
         return known[-1]
     fitting = [each for each in known if each == plan] or [each for each in known if each.endswith(plan)]
     return fitting[0] if len(fitting) == 1 else plan
-
-
-@contextlib.contextmanager
-def _robot(connect_to: str, keys: Path | None) -> Iterator[Client]:
-    try:
-        with connect(connect_to, keys) as robot:
-            yield robot
-    except RefusedError as refused:
-        _fail(str(refused))
-    except (Unreachable, KeysError, ValueError) as problem:
-        _fail(f"{connect_to}: {problem}")
-
-
-def _fail(text: str) -> None:
-    _err.print(text, style="red", markup=False, highlight=False, soft_wrap=True)
-    raise typer.Exit(1)
 
 
 def _worst(plan: PlanPreview, measure: str) -> str:

@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from handrail import messages as m
+from handrail import robot_option
 from handrail.client import Unreachable
 from handrail.plan import cli
 
@@ -50,7 +51,7 @@ def handrail(stack, monkeypatch):
     def connect(address, keys):
         yield LocalClient(stack)
 
-    monkeypatch.setattr(cli, "connect", connect)
+    monkeypatch.setattr(robot_option, "connect", connect)
     monkeypatch.setattr(cli, "_out", cli.Console(width=400))
     monkeypatch.setattr(cli, "_err", cli.Console(width=400, stderr=True))
     return lambda *words: runner.invoke(cli.app, [str(word) for word in words])
@@ -123,6 +124,6 @@ def test_what_can_not_be_shown_says_why(stack, handrail, tmp_path, monkeypatch):
     def away(address, keys):
         raise Unreachable("nobody is there")
 
-    monkeypatch.setattr(cli, "connect", away)
+    monkeypatch.setattr(robot_option, "connect", away)
     gone = handrail("list")
     assert gone.exit_code == 1 and "nobody is there" in gone.output

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from engines.programs import cli
+from handrail import robot_option
 from handrail.messages import AnswerPrompt, Deploy, GetEngine, Run, StopRun
 from handrail.topics import Subscriber
 
@@ -64,7 +65,7 @@ def client(stack, monkeypatch):
     def connect(address, keys):
         yield client
 
-    monkeypatch.setattr(cli, "connect", connect)
+    monkeypatch.setattr(robot_option, "connect", connect)
     return client
 
 

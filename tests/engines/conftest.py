@@ -103,6 +103,16 @@ class FakeDaemon:
     def started(self) -> list[m.StartAction]:
         return [call for call in self.calls if isinstance(call, m.StartAction)]
 
+    def resist(self, times: int) -> None:
+        """The tool meets something so many times that it reaches in."""
+        left = iter(range(times))
+
+        def trip(action: Any) -> str:
+            engaging = any(isinstance(end, m.PoseErrorEnd) for end in action.ends)
+            return "pose_error" if engaging and next(left, None) is not None else ""
+
+        self.trip = trip
+
     def finish(self) -> None:
         """Let the running action arrive."""
         self._todo.append(lambda: self._ended("done", 1.0))

@@ -157,16 +157,7 @@ class TestAnEngine:
             bad = k % 3 == 0
             run = past(k, "failed" if bad else "succeeded")
             book.add(replace(run, facts={"motion.guarded": Fact(2.0 if bad else 0.0)}))
-        tripped = []
-
-        def trip(action):
-            engaging = any(isinstance(end, m.PoseErrorEnd) for end in action.ends)
-            if engaging and len(tripped) < 2:
-                tripped.append(action)
-                return "pose_error"
-            return ""
-
-        daemon.trip = trip
+        daemon.resist(2)
         stack.place()
         assert stack.run(goal_deg=40).warnings == []
         stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve", by="test"))

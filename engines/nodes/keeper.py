@@ -252,8 +252,10 @@ class NodeKeeper:
         with self._lock:
             self._watches = {each: old for each, old in self._watches.items() if old.until > now}
             before = self._watches.get((name, port))
-            if before is not None:  # asked again, or by somebody else: as often as the more curious one wants
-                watch.period_s = min(watch.period_s, before.period_s)
+            if (
+                before is not None
+            ):  # asked again, or by somebody else: as often and as long as the more curious one wants
+                watch.period_s, watch.until = min(watch.period_s, before.period_s), max(watch.until, before.until)
                 watch.told_at = before.told_at
             self._watches[name, port] = watch
         if kept is not None and before is None and port in kept.values:

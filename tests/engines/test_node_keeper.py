@@ -159,6 +159,13 @@ def test_a_node_that_does_not_run_yet_can_be_watched(told):
     assert told.of("total") == [3.0]
 
 
+def test_a_watch_lasts_as_long_as_whoever_wants_it_longest(told):
+    told.keeper.watch("sum", "total", rate=1e6, lasts=60.0)
+    told.keeper.watch("sum", "total", rate=1e6, lasts=1e-9)
+    told.keeper.start("sum").step({"value": 3.0})
+    assert told.of("total") == [3.0]
+
+
 def test_a_started_node_that_fails_is_said_and_shown_until_it_is_stopped(told):
     told.keeper.start("sum", params={}).put({"value": 1.0})
     process = told.keeper.process("sum")

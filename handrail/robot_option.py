@@ -28,7 +28,7 @@ def the_robot(address: str, keys: Path | None) -> Iterator[Client]:
     except RefusedError as refused:
         fail(str(refused))
     except (Unreachable, KeysError, ValueError) as problem:
-        fail(f"{address}: {problem}")
+        fail(str(problem) if str(problem).startswith(address) else f"{address}: {problem}")
 
 
 def fail(text: str) -> None:

@@ -23,9 +23,9 @@ test: $(WARM)   ## lint, types, floors and every test (under 15 minutes on 2 cor
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 ifeq ($(strip $(ARGS)),)
-	$(BIN)/mypy & types=$$!; $(BIN)/python -m pytest -m "not soak and not stack" -n 3 --dist loadfile --no-loadscope-reorder; \
+	$(BIN)/mypy & types=$$!; $(BIN)/python tools/run_tests.py -m "not soak and not stack" -n 3 --dist loadfile --no-loadscope-reorder; \
 	  tests=$$?; wait $$types && exit $$tests
-	$(BIN)/python -m pytest -m "stack and not soak" -n 2 --dist worksteal tests/hil/test_campaign.py tests/stack
+	$(BIN)/python tools/run_tests.py -m "stack and not soak" -n 2 --dist worksteal tests/hil/test_campaign.py tests/stack
 else
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -m "not soak" $(ARGS)

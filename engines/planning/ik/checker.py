@@ -1,25 +1,28 @@
 """Whether a configuration keeps its constraints: measured anew, sharing nothing with the solver but the model.
 
 Each constraint is measured from link placements as its definition reads (angles by trace and cross product, distances by coal over
-all pairs, support by the polygon itself), without linearisation, kernels or tables: a mistake there shows here.
+all pairs that may be the nearest, support by the polygon itself), without linearisation, kernels or tables: a mistake there shows.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from engines.planning.collision.obstacles import placement_of
+from engines.planning.collision.world import World
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.hull import hull
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.report import Measure
 from handrail.messages import Pose as PoseMessage
+from handrail.robot.model_memory import placements
 
 Array = NDArray[np.float64]
 
@@ -34,6 +37,7 @@ class Checker:
     def __init__(self, mechanism: Mechanism):
         self._mechanism = mechanism
         self._data = mechanism.model.createData()
+        self._scratch: WeakKeyDictionary[World, pin.GeometryData] = WeakKeyDictionary()
 
     def violations(self, constraints: Sequence[Constraint], q: Array) -> tuple[Measure, ...]:
         """What is missed by more than is tolerated, worst first; joint limits are always checked."""
@@ -146,11 +150,23 @@ class Checker:
         scene = c.scene
         if not len(scene.pairs):
             return Measure(c.label, "no bodies", np.inf, c.at_least, np.inf, "m")
-        scratch = scene.geometry.createData()
+        if scene not in self._scratch:
+            self._scratch[scene] = scene.geometry.createData()
+        scratch = self._scratch[scene]
+        scene.forget(scratch)
         pin.updateGeometryPlacements(self._mechanism.model, self._data, scene.geometry, scratch)
-        nearest = pin.computeDistances(scene.geometry, scratch)
+        places = placements(scratch.oMg)
+        centres = np.einsum("kji,kj->ki", places[:, :9].reshape(-1, 3, 3), scene.centres) + places[:, 9:]
+        one, other = scene.pairs.T
+        least = np.linalg.norm(centres[one] - centres[other], axis=1) - scene.radii[one] - scene.radii[other]
+        apart, nearest = np.inf, 0
+        for pair in np.argsort(least).tolist():  # no two bodies are nearer than the balls about them
+            if least[pair] >= apart:
+                break
+            distance = float(pin.computeDistance(scene.geometry, scratch, pair).min_distance)
+            if distance < apart:
+                apart, nearest = distance, pair
         first, second = scene.pairs[nearest]
-        apart = float(scratch.distanceResults[nearest].min_distance)
         return Measure(c.label, f"{scene.names[first]} and {scene.names[second]}", apart, c.at_least, np.inf, "m")
 
     def _body_distance(self, c: kinds.BodyDistance) -> Measure:

@@ -20,7 +20,8 @@ from handrail import new as beginnings
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError, Unreachable, connect
 from handrail.link.keys import KeysError
 from handrail.messages import InstanceState, RobotState
-from handrail.robot import description as robots
+from handrail.robot import library as robots
+from handrail.robot.description import Arm
 from handrail.robot_option import ConnectTo, Keys
 
 _out, _err = Console(), Console(stderr=True)
@@ -130,7 +131,7 @@ def instance_of(robot: Client, name: str) -> Instance:
     return Instance(name, template, state.pose_in_world, parameters, state.joint_state, state.version)
 
 
-def _tip(robot: Client, arm: str) -> tuple[robots.Arm, np.ndarray]:
+def _tip(robot: Client, arm: str) -> tuple[Arm, np.ndarray]:
     """An arm, and where its tip is now in the world, (4, 4). Raises ValueError."""
     from handrail.robot.kinematics import Kinematics
 

@@ -33,7 +33,7 @@ from hal.plant.robot_body import BASE
 from hal.plant.world import World
 from handrail import compound_tasks
 from handrail import messages as m
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime, memory_folder

@@ -22,7 +22,7 @@ from hal.plant.scene import Wheel
 from hal.plant.world import World
 from handrail import cloud
 from handrail.messages import GroundTruth
-from handrail.robot import description
+from handrail.robot import library as robots
 
 _ROUNDS = 5
 _RAYS_A_CALL = 16_000
@@ -65,7 +65,7 @@ def _ms(work: Callable[[], object]) -> float:
 
 def rows() -> list[Row]:
     """About 10 s."""
-    robot, place = description.load("talos_upper"), scene.load("valve")
+    robot, place = robots.load("talos_upper"), scene.load("valve")
     thing, centre = place.objects["valve"], place.poses_in_world["valve"].position
     assert isinstance(thing, Wheel)
     joints = dict(zip(robot.joints, robot.home_position().tolist(), strict=True))

@@ -30,7 +30,7 @@ from engines.programs import program
 from engines.programs.statechart import Chart
 from handrail import messages as m
 from handrail.demo.children import Children
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.runtime import Runtime, memory_folder
 from handrail.topics import Caller, Publisher, Service
 

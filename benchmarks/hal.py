@@ -50,7 +50,7 @@ from handrail.messages import (
     JointTrajectory,
     StartAction,
 )
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime, memory_folder

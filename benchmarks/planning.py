@@ -37,7 +37,7 @@ from engines.planning.ik.solver import Solver
 from engines.planning.ik.spline import Spline
 from engines.planning.ik.trajectory import TrajectorySolver
 from handrail.messages import Pose as PoseMessage
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 Array = NDArray[np.float64]
 

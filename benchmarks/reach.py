@@ -30,7 +30,7 @@ from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
 from engines.planning.verifier import Verifier
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 Array = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from hal.drives.protocol import LimbProtocol
 from hal.hardware import Hardware
 from hal.plant.direct_port import DirectPort
 from hal.plant.world import World
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime, memory_folder

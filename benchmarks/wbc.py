@@ -33,7 +33,7 @@ from daemon.wbc.constraints import JointLimits
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.model import WholeBodyModel
 from daemon.wbc.tasks import COM, SE3, CartPos, JPos, QuaternionOrientation, Task
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 Array = NDArray[np.float64]
 

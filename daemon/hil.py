@@ -25,7 +25,7 @@ def warm_up(robot: str) -> None:
     import daemon.server
     from daemon.warm_up import warm_up
     from hal.drives.protocol import LimbProtocol
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
     from handrail.robot.kinematics import Kinematics
 
     assert daemon.server

@@ -29,7 +29,7 @@ from daemon.serving.health import clear_health, write_health, write_processes
 from daemon.supervisor import Child, StartError, Supervisor
 from handrail.config import ConfigError
 from handrail.engines import FIRST, checked
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 from handrail.sole_holder import HeldElsewhere, sole_holder

@@ -48,7 +48,7 @@ from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand
 from hal.realtime import RealTime, sleep_then_spin_until
 from handrail.config import ConfigError
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime
 

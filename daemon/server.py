@@ -49,7 +49,7 @@ from daemon.serving.whole_body_door import WholeBodyDoor
 from daemon.state.bus_watch import BusWatch
 from daemon.timing import TimingReader, loop_timing
 from handrail import messages as m
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, clear_stop, leave, stop_now

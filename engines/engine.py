@@ -56,7 +56,7 @@ from handrail import messages as m
 from handrail import workspace
 from handrail.config import ConfigError
 from handrail.engines import FIRST
-from handrail.robot import description as robot_description
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 from handrail.sole_holder import HeldElsewhere, sole_holder
@@ -571,7 +571,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="engine: %(message)s")
     try:
-        description = robot_description.load(options.robot)
+        description = robots.load(options.robot)
         runtime = Runtime.at(options.runtime)
         name = engine_names.checked(options.name)
     except ValueError as problem:

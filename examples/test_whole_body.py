@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from handrail import messages as m
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
-TALOS = description.load("talos_upper")
+TALOS = robots.load("talos_upper")
 KINEMATICS = Kinematics(TALOS)
 
 

@@ -257,10 +257,10 @@ class Links:
     """Where the robot's moving links, its tools and their contact points are. Needs pinocchio. Raises ConfigError."""
 
     def __init__(self, robot: str):
-        from handrail.robot import description
+        from handrail.robot import library as robots
         from handrail.robot.kinematics import Kinematics
 
-        loaded = description.load(robot)
+        loaded = robots.load(robot)
         self._kinematics = Kinematics(loaded)
         self._tips = {name: arm.tip for name, arm in loaded.arms.items()}
         # One frame a joint is enough to see the robot move: its child link's, of the same name as in the URDF.

@@ -14,7 +14,7 @@ import typer
 
 from handrail.client import DEFAULT_ADDRESS, Client, connect
 from handrail.link import keys as link_keys
-from handrail.robot import description
+from handrail.robot import library as robots
 
 
 class Antialiasing(StrEnum):
@@ -99,7 +99,7 @@ def _run(
     }.get(antialiasing)
     app = window.application()
     opened = window.open_window(
-        address, description.load, mesh_cache(), size=size, look=look.value, antialiasing=smoothing, operator=operator
+        address, robots.load, mesh_cache(), size=size, look=look.value, antialiasing=smoothing, operator=operator
     )
     if fullscreen:
         opened.window.showFullScreen()

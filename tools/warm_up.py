@@ -51,7 +51,7 @@ def _robot() -> None:
     from hal.plant.bus_node import BusNode
     from hal.plant.scene import load
     from hal.plant.world import World
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
     from handrail.robot.kinematics import Kinematics
 
     description = robots.load(ROBOT)
@@ -83,7 +83,7 @@ def _base() -> None:
     from daemon.state.estimator import BaseEstimator
     from hal.device import DeviceState
     from hal.joint import JointState
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
     from handrail.robot.kinematics import Kinematics
 
     description = robots.load(FREE)
@@ -101,7 +101,7 @@ def _whole_body() -> None:
     from daemon.wbc import moving
     from daemon.wbc.hierarchy import WholeBody
     from daemon.wbc.model import WholeBodyModel
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
     from handrail.robot.kinematics import Kinematics
 
     WholeBody(WholeBodyModel.of(Kinematics(robots.load(ROBOT))), []).warm_up()
@@ -117,7 +117,7 @@ def _planner() -> None:
     from engines.planning.ik.mechanism import Mechanism
     from engines.planning.ik.solver import Solver
     from engines.planning.strokes.manipulation import ManipulationPlanner
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
     from handrail.robot.kinematics import Kinematics
 
     description = robots.load(ROBOT)

@@ -72,7 +72,7 @@ def _run(numbers: Sequence[int], seed: int, out: Path, workers: int, console: Co
     from benchmarks.campaign.turn import ROBOT, SCENE, plan
     from hal.hil.nursery import Nursery
     from hal.hil.rig import PLANT_MODULE
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
 
     with console.status("planning the stroke"):
         turn = plan()

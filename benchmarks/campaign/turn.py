@@ -15,7 +15,7 @@ from affordance_templates.joint_estimate import joint_after_push
 from engines.planning.plan import Segment
 from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 ROBOT, SCENE, OBJECT, ARM = "talos_upper", "valve", "valve", "right"

@@ -26,7 +26,7 @@ from handrail.messages import (
     StartBehaviour,
     WholeBody,
 )
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber, Unreachable
 

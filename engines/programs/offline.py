@@ -22,7 +22,7 @@ from engines.programs.rehearsal import Rehearsal
 from handrail import config, workspace
 from handrail.config import ConfigError
 from handrail.messages import Deploy, Pose, TaskCheck
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 
 class _Place(msgspec.Struct, kw_only=True):

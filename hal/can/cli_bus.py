@@ -170,7 +170,7 @@ def check(
     from hal.can import bus_check
     from hal.can.port import open_port
     from hal.drives.protocol import LimbProtocol
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
 
     with in_words("check"):
         description = robots.load(robot)

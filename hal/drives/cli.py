@@ -170,7 +170,7 @@ def _client(verb: str, robot: str | None, runtime: Path | None, joint: str | Non
     from hal.can.port import BusLost, open_port
     from hal.drives.parameter_client import ParameterClient
     from hal.drives.protocol import LimbProtocol
-    from handrail.robot import description as robots
+    from handrail.robot import library as robots
     from handrail.runtime import Runtime
 
     try:

@@ -25,7 +25,7 @@ from hal.plant import scene, service
 from hal.plant.bullet import pybullet as p
 from hal.plant.drive_node import STEP_NS
 from hal.plant.world import World
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.runtime import Runtime
 
 _PATIENCE_S = 0.01

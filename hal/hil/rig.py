@@ -20,7 +20,7 @@ from hal.hil.robot import Robot
 from hal.plant import scene
 from handrail import messages as m
 from handrail.recorder import Links, Recording
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.runtime import Runtime, memory_folder
 
 _EMPTY = "objects: {}\n"

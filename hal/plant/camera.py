@@ -36,7 +36,7 @@ from hal.plant.likeness import Likeness
 from handrail import cloud
 from handrail.config import ConfigError
 from handrail.messages import GroundTruth, PointCloud
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.description import Camera
 from handrail.runtime import Runtime
 from handrail.topics import Publisher, Subscriber
@@ -205,7 +205,7 @@ def main() -> None:
                 # There plant and loop run as ordinary programs; on the wall clock they go before everybody by themselves, and
                 # a camera that stood back would stop for seconds on a busy computer.
                 _stand_back()
-            robot = description.load(options.robot)
+            robot = robots.load(options.robot)
             if not robot.cameras:
                 raise ValueError(f"{robot.name} has no cameras; expected `cameras:` in its robot.yaml")
             likeness = open_things.enter_context(contextlib.closing(Likeness(robot, scene.load(options.scene))))

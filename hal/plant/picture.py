@@ -24,7 +24,7 @@ from hal.plant.bodies import hinge_names
 from hal.plant.bullet import pybullet as p
 from hal.plant.world import World
 from handrail.config import ConfigError
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 
 WIDTH, HEIGHT = 960, 720
@@ -140,7 +140,7 @@ def main() -> None:
         if options.state is not None:
             state = msgspec.json.decode(options.state.read_bytes(), type=PictureState)
         place = scene.load(options.scene) if options.scene else scene.EMPTY
-        save(render(description.load(options.robot), place, state), options.out)
+        save(render(robots.load(options.robot), place, state), options.out)
     except msgspec.DecodeError as error:
         sys.exit(f"picture: {options.state}: {error}")
     except (ConfigError, OSError, ValueError) as error:

@@ -37,7 +37,7 @@ from hal.plant.scene import Scene
 from hal.plant.world import World
 from hal.realtime import RealTime, sleep_until
 from handrail.config import ConfigError
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 from handrail.topics import Publisher

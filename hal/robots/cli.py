@@ -19,7 +19,7 @@ from rich.table import Column, Table
 
 from handrail.config import ConfigError
 from handrail.messages import DeviceStates, SwitchRelay
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber
 
@@ -38,7 +38,7 @@ def list_robots() -> None:
         Column("robot", no_wrap=True), "drives", "network", "devices", "base", Column("folder", overflow="fold")
     )
     wrong = []
-    for name, file in sorted(robots.library().items()):
+    for name, file in sorted(robots.files().items()):
         try:
             robot = robots.load(str(file.parent))
         except ConfigError as error:

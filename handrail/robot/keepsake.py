@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 
 _YAML, _URDF = "robot.yaml", "robot.urdf"
@@ -19,9 +19,8 @@ def keepsake(description: RobotDescription) -> dict[str, str]:
     data: dict[str, Any] = copy.deepcopy(robots.read(description.folder / _YAML).data)
     data["model"] = {"file": _URDF}
     for name, arm in description.arms.items():
-        data["arms"][name]["tip"] = (
-            arm.tip
-        )  # else a tool of the model's tells where it touches, and that is in the URDF now
+        # Else a tool of the model's tells where it touches, and that is in the URDF now.
+        data["arms"][name]["tip"] = arm.tip
     # JSON is YAML, and tells every float exactly.
     return {_YAML: json.dumps(data, indent=1), _URDF: description.urdf.read_text(encoding="utf-8")}
 

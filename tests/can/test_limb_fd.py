@@ -18,7 +18,7 @@ from hal.drives.crc import crc16
 from hal.drives.lifecycle import CONTROLWORD, Command, DriveError, State, statusword
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.joint import JointCommand, JointState, Mode
-from handrail.robot import description as descriptions
+from handrail.robot import library as descriptions
 
 _N = 18
 

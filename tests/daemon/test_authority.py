@@ -11,7 +11,7 @@ from daemon.exchange import Answer, Kind
 from daemon.serving.challenges import Challenges
 from handrail import messages as m
 from handrail.keepalive import answer
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.topics import RefusedError
 from tests.daemon.test_server import Rig
 

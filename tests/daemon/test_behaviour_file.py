@@ -17,7 +17,7 @@ from daemon.serving.whole_body_door import WholeBodyDoor
 from handrail.behaviour_file import BehaviourFile, Part, find
 from handrail.config import ConfigError
 from handrail.messages import CompliantMotion, ContactEnd, WholeBody
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from tests.daemon.test_server import Rig
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "press_wall.yaml"

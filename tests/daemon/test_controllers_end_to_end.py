@@ -9,7 +9,7 @@ from daemon.controllers.cli import controllers
 from daemon.controllers.roster import Loaded, Roster
 from daemon.serving.validation import check_load, check_loaded
 from handrail import messages as m
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.topics import RefusedError
 
 JOINTS = ("shoulder_joint", "elbow_joint")

@@ -11,7 +11,7 @@ from benchmarks import daemon, wake_ups
 from benchmarks.daemon import Cycles
 from benchmarks.wake_ups import WakeUps
 from daemon.serving.whole_body_door import WholeBodyDoor
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 GOALS = {"wall clock, p50": "≤ 150", "wall clock, p99": "≤ 350", "lock-step, p50": "≤ 100"}
 

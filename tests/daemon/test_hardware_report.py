@@ -7,7 +7,7 @@ from daemon import exchange
 from daemon.serving.hardware_report import components
 from hal.device import SILENT_AFTER
 from hal.drives.lifecycle import State, statusword
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 
 

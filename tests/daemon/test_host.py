@@ -28,7 +28,7 @@ from daemon.host import Clock, UsageError, check_network, children, drop_leftove
 from daemon.replay.recorder import free_name
 from daemon.timing import TimingWriter
 from handrail.config import ConfigError
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime
 

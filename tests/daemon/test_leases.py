@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from daemon.serving.leases import Leases
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.topics import RefusedError
 
 TALOS = robots.load("talos_upper")

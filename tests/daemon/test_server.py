@@ -30,7 +30,7 @@ from hal.can.port import HubPort
 from hal.drives.lifecycle import State, statusword
 from handrail import messages as m
 from handrail.keepalive import answer
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import Device, RobotDescription
 from handrail.runtime import Runtime
 from handrail.topics import Caller, RefusedError, Subscriber

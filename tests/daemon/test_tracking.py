@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from benchmarks import tracking
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 
 def test_the_outer_integral_brings_the_tools_of_a_worn_robot_to_where_they_are_wanted(tmp_path) -> None:

@@ -17,7 +17,7 @@ from hal.drives.parameters import DICTIONARY, Parameter, ParameterResult, find
 from hal.drives.protocol import DriveTargets, LimbProtocol
 from hal.joint import JointCommand, JointState
 from handrail.config import ConfigError
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from tests.drives.conftest import network
 
 _LIMB = network({"arm": ("limb_fd", 7), "torso": ("limb_fd", 4)})

@@ -19,7 +19,7 @@ from hal.hardware import Goal, Hardware
 from hal.joint import JointCommand, Mode
 from hal.plant.bus_node import BusNode
 from hal.plant.world import World
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 
 

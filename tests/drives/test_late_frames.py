@@ -18,7 +18,7 @@ from hal.drives.protocol import WATCHDOG_CYCLES, DriveTargets, LimbProtocol
 from hal.joint import JointCommand, JointState, Mode
 from hal.plant.bus_node import BusNode
 from hal.plant.world import World
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from tests.drives.conftest import network
 
 _N = 2

@@ -11,7 +11,7 @@ from affordance_templates.server import AffordanceServer
 from engines.activities.base import ActivityFailed
 from engines.activities.trajectory import TrajectoryActivity
 from handrail.messages import MoveInstance, PlaceInstance, Pose, RemoveInstance
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 ALL = {"instance": "it", "trajectory": "grasp", "arm": "right", "first": "around", "last": "hold", "way": "forwards"}
 

@@ -7,18 +7,18 @@ import pinocchio as pin
 import pytest
 
 from handrail import config
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 
 @pytest.fixture(scope="module")
 def talos():
-    return description.load("talos_upper")
+    return robots.load("talos_upper")
 
 
 def edited(folder, old, new):
     target = folder / "robot"
-    shutil.copytree(description.find("talos_upper").parent, target)
+    shutil.copytree(robots.find("talos_upper").parent, target)
     file = target / "robot.yaml"
     text = file.read_text()
     assert old in text
@@ -45,7 +45,7 @@ def test_the_tools_mass_hangs_on_the_wrist(talos, tmp_path):
         model = Kinematics(robot).model
         return model.inertias[model.getJointId("arm_right_7_joint")].mass
 
-    heavier = description.load(edited(tmp_path, "mass: 0.3", "mass: 0.8"))
+    heavier = robots.load(edited(tmp_path, "mass: 0.3", "mass: 0.8"))
     assert wrist(heavier) - wrist(talos) == pytest.approx(0.5)
 
 
@@ -110,7 +110,7 @@ def test_the_mass_matrix_is_symmetric_positive_definite(talos):
 def test_a_wrong_robot_file_is_refused_with_line_and_field(tmp_path, old, new, field, says):
     folder = edited(tmp_path, old, new)
     with pytest.raises(config.ConfigError) as refused:
-        description.load(folder)
+        robots.load(folder)
     assert refused.value.field == field
     assert refused.value.line is not None
     assert says in str(refused.value)
@@ -118,7 +118,7 @@ def test_a_wrong_robot_file_is_refused_with_line_and_field(tmp_path, old, new, f
 
 def test_an_unknown_robot_is_told_which_there_are():
     with pytest.raises(config.ConfigError, match="talos_upper"):
-        description.load("talso")
+        robots.load("talso")
 
 
 def written(folder, text):
@@ -128,7 +128,7 @@ def written(folder, text):
 
 
 def test_a_robot_that_extends_another_says_only_what_differs(talos, tmp_path):
-    heavy = description.load(
+    heavy = robots.load(
         written(tmp_path / "heavy", "extends: talos_upper\nname: heavy\ncontrol:\n  stiffness: {head_1_joint: 80}\n")
     )
     row = talos.index("head_1_joint")
@@ -164,7 +164,7 @@ def test_what_is_wrong_in_a_robot_that_extends_another_is_named_in_the_file_that
     tmp_path, text, where, field, says
 ):
     with pytest.raises(config.ConfigError) as refused:
-        description.load(written(tmp_path / "x", text))
+        robots.load(written(tmp_path / "x", text))
     assert refused.value.field == field
     assert where in str(refused.value)
     assert says in str(refused.value)
@@ -176,11 +176,11 @@ def test_robots_that_extend_each_other_in_a_circle_are_refused(tmp_path, monkeyp
     written(tmp_path / "robots" / "hen", "extends: egg\nname: hen\n")
     monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
     with pytest.raises(config.ConfigError, match="expected no circle"):
-        description.load("hen")
+        robots.load("hen")
 
 
 def test_a_model_may_lie_in_the_robots_own_folder():
-    bench = description.load("sea_bench")
+    bench = robots.load("sea_bench")
     assert Kinematics(bench).frame(bench.home_position("hanging"), "weight_tip").translation == pytest.approx(
         [0, 0, -0.6]
     )
@@ -188,7 +188,7 @@ def test_a_model_may_lie_in_the_robots_own_folder():
 
 
 def test_joints_that_a_gripper_moves_are_no_joints_of_the_network():
-    robot = description.load("talos_upper_grippers")
+    robot = robots.load("talos_upper_grippers")
     assert len(robot.joints) == 18
     assert robot.device_limits["gripper_right_joint"][:2] == pytest.approx((-0.96, 0.0), abs=1e-3)
     assert {mimic.joint for mimic in robot.mimics.values()} == {"gripper_right_joint", "gripper_left_joint"}
@@ -197,15 +197,15 @@ def test_joints_that_a_gripper_moves_are_no_joints_of_the_network():
 
 def test_links_that_an_srdf_disables_may_touch_and_a_wrong_one_is_told(tmp_path):
     robot = tmp_path / "arm"
-    shutil.copytree(description.find("sea_bench").parent, robot)
+    shutil.copytree(robots.find("sea_bench").parent, robot)
     file = robot / "robot.yaml"
     text = file.read_text()
     file.write_text(text.replace("  file: bench.urdf", "  file: bench.urdf\n  srdf: bench.srdf", 1))
     with pytest.raises(config.ConfigError, match=r"model: model.srdf: bench.srdf is not in"):
-        description.load(robot)
+        robots.load(robot)
     srdf = robot / "bench.srdf"
     srdf.write_text('<robot name="bench"><disable_collisions link1="a" link2="b" reason="Never"/></robot>')
-    assert ("a", "b") in description.load(robot).allowed_collision_pairs
+    assert ("a", "b") in robots.load(robot).allowed_collision_pairs
     srdf.write_text('<robot name="bench"><disable_collisions link1="a"/></robot>')
     with pytest.raises(config.ConfigError, match="without link1 or link2"):
-        description.load(robot)
+        robots.load(robot)

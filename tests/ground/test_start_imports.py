@@ -9,7 +9,7 @@ import pytest
 
 _PROTOCOL = """
 from hal.drives.protocol import LimbProtocol
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 LimbProtocol(robots.load("talos_upper"))
 """
 

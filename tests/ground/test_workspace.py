@@ -7,7 +7,7 @@ import pytest
 from affordance_templates import catalogue
 from engines.programs import library
 from hal.plant import scene
-from handrail.robot import description
+from handrail.robot import library as robots
 
 
 @pytest.fixture
@@ -38,5 +38,5 @@ def test_a_program_of_the_workspace_is_listed_beside_the_built_in_ones(own):
 
 
 def test_a_robot_of_the_workspace_is_found_by_its_name(own):
-    shutil.copytree(description.find("talos_upper").parent, own / "robots" / "my_talos")
-    assert description.load("my_talos").folder == own / "robots" / "my_talos"
+    shutil.copytree(robots.find("talos_upper").parent, own / "robots" / "my_talos")
+    assert robots.load("my_talos").folder == own / "robots" / "my_talos"

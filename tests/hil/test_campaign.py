@@ -20,7 +20,7 @@ from benchmarks.campaign.verdict import FORCE_LIMIT_N, Verdict, judge
 from hal.hil import nursery
 from hal.hil.door import Seen, Transition
 from handrail.messages import GroundTruth
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from tests.soaking import kept, share_of
 
 ROBOT = robots.load("talos_upper")

@@ -22,7 +22,7 @@ from hal.hil.door import Door, Look, Seen
 from hal.hil.nursery import Nursery, Process
 from hal.hil.rig import PLANT_MODULE, Options, Rig
 from handrail import messages as m
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.runtime import Runtime, memory_folder
 from handrail.topics import RefusedError

@@ -9,7 +9,7 @@ import pytest
 
 from hal.hil.bus import Bus
 from handrail import messages as m
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.topics import RefusedError
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.handrail(robot="sea_bench")]

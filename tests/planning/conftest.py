@@ -14,7 +14,7 @@ from engines.planning.ik.mechanism import Mechanism
 from engines.planning.plan import Plan
 from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 

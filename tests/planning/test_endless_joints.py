@@ -20,7 +20,7 @@ from engines.planning.motion_planner import MotionPlanner
 from engines.planning.plan import Plan
 from engines.planning.timing.timing import Limits
 from handrail.messages import FrameGoal, JointsGoal, KeyFrame, PlanMotion, PlanPreview, Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 

@@ -34,7 +34,7 @@ from handrail.messages import (
     PostureGoal,
     RelationGoal,
 )
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 NOWHERE = Pose()

@@ -24,7 +24,7 @@ from engines.planning.plan import Infeasible, Plan, Segment
 from engines.planning.timing.timing import Limits, parametrise
 from engines.planning.verifier import Verifier
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.srdf import disabled_pairs
 
 SHARE = Path(sys.prefix) / "lib" / f"python3.{sys.version_info.minor}" / "site-packages" / "cmeel.prefix" / "share"

@@ -11,7 +11,7 @@ import pytest
 from engines.planning.plan import Infeasible
 from engines.planning.planners import Planners
 from handrail.messages import FrameGoal, JointsGoal, PlanMotion, Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 ANY = math.pi

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from engines.planning.ik.mechanism import Mechanism
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from handrail.robot.rooting import rebuilt
 

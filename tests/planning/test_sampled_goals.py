@@ -18,7 +18,7 @@ from engines.planning.plan import Infeasible
 from engines.planning.planners import Planners
 from engines.planning.sampling import sampled
 from handrail.messages import FrameGoal, PlanMotion, Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 TIP = "tool_right_tip"
 

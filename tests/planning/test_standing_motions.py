@@ -12,7 +12,7 @@ import pytest
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
 from handrail.messages import Base, Foot, FrameGoal, JointsGoal, PlanMotion, Pose, WholeBody
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 HERE = pin.SE3(pin.utils.rotate("z", 0.7), np.array([1.0, 2.0, 1.0]))

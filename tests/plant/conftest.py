@@ -11,14 +11,14 @@ from hal.drives.lifecycle import State, controlword_towards
 from hal.joint import JointCommand, Mode
 from hal.plant.scene import EMPTY, Scene
 from hal.plant.world import World
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
 
 @pytest.fixture(scope="session")
 def robot() -> RobotDescription:
-    return description.load("talos_upper")
+    return robots.load("talos_upper")
 
 
 @pytest.fixture(scope="session")

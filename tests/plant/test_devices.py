@@ -13,7 +13,7 @@ from hal.plant.power import WINDING_RESISTANCE
 from hal.plant.sensor_noise import DEFAULTS, Noise, without_noise
 from hal.plant.world import World
 from handrail.config import ConfigError
-from handrail.robot import description
+from handrail.robot import library as robots
 
 WEIGHT = 9.81
 
@@ -169,9 +169,9 @@ def test_a_sensors_noise_is_its_density_at_the_robots_rate_and_its_offset_stays(
 
 def test_a_robot_says_what_noise_its_own_sensors_have(tmp_path):
     device = "network: {devices: [{name: imu, family: imu, channel: can0, link: lower_arm, noise: {%s}}]}"
-    text = f"extends: sea_bench\nname: noisy\nmodel: {{file: {description.find('sea_bench').parent}/bench.urdf}}\n"
+    text = f"extends: sea_bench\nname: noisy\nmodel: {{file: {robots.find('sea_bench').parent}/bench.urdf}}\n"
     (tmp_path / "robot.yaml").write_text(text + device % "angular_velocity: 0.01, linear_acceleration: 0")
-    noisy = description.load(tmp_path)
+    noisy = robots.load(tmp_path)
     samples = np.zeros((2000, 1, MEASURED))
     noise = Noise(noisy.devices, noisy.period_ns * 1e-9)
     for at in range(len(samples)):
@@ -182,4 +182,4 @@ def test_a_robot_says_what_noise_its_own_sensors_have(tmp_path):
     with pytest.raises(
         ConfigError, match=r"robot.yaml:4: network.devices\[0\].noise.force: imu has no such noise; expected"
     ):
-        description.load(tmp_path)
+        robots.load(tmp_path)

@@ -11,7 +11,7 @@ from hal.plant.bullet import pybullet as p
 from hal.plant.sensor_noise import without_noise
 from hal.plant.world import World
 from hal.robots.check import mass_beyond
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 MASS, WIDTH = 0.15, 0.03
@@ -31,7 +31,7 @@ def _command(position, speed, effort, enable=1.0):
 def hand(request, tmp_path_factory):
     """A world with a loose box at the grasp, the gripper's row, its open and closed position."""
     name, gripper, opened, closed = request.param
-    robot = description.load(name)
+    robot = robots.load(name)
     kinematics = Kinematics(robot)
     arm = next(arm for arm in robot.arms.values() if "left" not in arm.tip)
     grasp = kinematics.frame(robot.home_position(), arm.tip)
@@ -105,7 +105,7 @@ def test_a_gripper_closes_on_a_box_holds_it_and_lets_go(hand):
 
 @pytest.mark.parametrize(("along", "height"), [(0.105, 0.02), (0.12, 0.03)])
 def test_a_gripper_with_hollow_jaws_holds_a_small_box(tmp_path, along, height):
-    robot = description.load("z1")
+    robot = robots.load("z1")
     palm = Kinematics(robot).frame(robot.home_position(), "gripperStator")
     floor = {0.105: -0.0135, 0.12: -0.009}[along]  # the lower jaw's, there
     at = palm.act(np.array([along, 0.0, floor + height / 2]))
@@ -129,7 +129,7 @@ def test_a_gripper_with_hollow_jaws_holds_a_small_box(tmp_path, along, height):
 
 @pytest.mark.parametrize(("name", "gripper", "opened", "closed"), [*HANDS, ONE_FINGERED])
 def test_an_empty_gripper_moves_at_the_commanded_speed_with_its_linkage_in_step(name, gripper, opened, closed):
-    robot = description.load(name)
+    robot = robots.load(name)
     world = World(robot)
     row = next(row for row, device in enumerate(robot.devices) if device.name == gripper)
     drive = world.devices.grippers[row]
@@ -150,7 +150,7 @@ def test_an_empty_gripper_moves_at_the_commanded_speed_with_its_linkage_in_step(
 
 
 def test_pinocchio_and_the_plant_see_the_fingers_in_the_same_place():
-    robot = description.load("talos_upper_grippers")
+    robot = robots.load("talos_upper_grippers")
     world, kinematics = World(without_noise(robot)), Kinematics(robot)
     row = next(row for row, device in enumerate(robot.devices) if device.name == "gripper_right")
     world.devices.grippers[row].place(-0.6)

@@ -11,7 +11,7 @@ from hal.plant import joint_port
 from hal.plant.bullet import pybullet as p
 from hal.plant.joint_port import JointPort
 from hal.plant.world import World
-from handrail.robot import description
+from handrail.robot import library as robots
 
 
 def _port(world: World, *, native: bool) -> JointPort:
@@ -36,7 +36,7 @@ private_symbols = pytest.mark.skipif(
 def test_c_functions_and_python_functions_give_the_same_bits(name):
     trace = {}
     for native in (True, False):
-        world = World(description.load(name))
+        world = World(robots.load(name))
         for joint in world.robot.joints.values():  # no brakes: all move
             p.setJointMotorControl2(
                 world.robot.number, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=world.client

@@ -10,12 +10,12 @@ import pytest
 from hal.plant.bullet import pybullet as p
 from hal.plant.robot_body import BASE
 from hal.plant.world import World
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 
 def test_a_robot_without_its_gantry_stands_on_its_feet(host_of):
-    robot = dataclasses.replace(description.load("talos"), support="none")
+    robot = dataclasses.replace(robots.load("talos"), support="none")
     world, kinematics = World(robot), Kinematics(robot)
     host = host_of(world, kinematics)
     host.enable()
@@ -35,7 +35,7 @@ def test_a_robot_without_its_gantry_stands_on_its_feet(host_of):
 
 
 def test_a_hung_robots_base_stays_where_it_is(host_of):
-    robot = description.load("talos")
+    robot = robots.load("talos")
     host = host_of(World(robot), Kinematics(robot))
     host.enable()
     host.cycle(50)

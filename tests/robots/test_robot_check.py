@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from hal.robots.check import Row, check
 from hal.robots.cli import app
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 BUILT_IN = sorted(file.parent.name for file in (Path(__file__).parents[2] / "hal" / "robots").glob("*/robot.yaml"))
@@ -21,7 +21,7 @@ BUILT_IN = sorted(file.parent.name for file in (Path(__file__).parents[2] / "hal
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_model_plant_and_network_of_a_robot_agree(name):
-    rows = list(check(description.load(name)))
+    rows = list(check(robots.load(name)))
     assert not [row for row in rows if not row.holds]
     assert msgspec.json.decode(msgspec.json.encode(rows), type=list[Row]) == rows
     assert {"model", "limits", "drives", "network"} <= {row.about for row in rows}
@@ -33,7 +33,7 @@ def _failing(robot):
 
 @pytest.fixture(scope="module")
 def bench():
-    return description.load("sea_bench")
+    return robots.load("sea_bench")
 
 
 def test_a_bus_that_is_too_slow_for_its_robot_is_found_out(bench):
@@ -59,7 +59,7 @@ def test_the_command_prints_a_table_writes_rows_and_says_by_its_status_whether_a
     (tmp_path / "wild" / "robot.yaml").write_text(
         "extends: sea_bench\nname: wild\ncontrol:\n  quick_stop_damping: {elbow_joint: 60}\n"
     )
-    text = (description.find("sea_bench").parent / "bench.urdf").read_text()
+    text = (robots.find("sea_bench").parent / "bench.urdf").read_text()
     (tmp_path / "wild" / "bench.urdf").write_text(text)
     bad = CliRunner().invoke(app, ["check", str(tmp_path / "wild")])
     assert bad.exit_code == 1
@@ -88,7 +88,7 @@ def test_the_how_tos_robot_loads_as_it_stands_there(tmp_path):
     text = (Path(__file__).parents[2] / "docs" / "robots.md").read_text()
     blocks = re.findall(r"```yaml\n(.*?)```", text.split("## A robot like another one")[0], re.S)
     (tmp_path / "robot.yaml").write_text("\n".join(blocks))
-    told, built_in = description.load(tmp_path), description.load("z1")
+    told, built_in = robots.load(tmp_path), robots.load("z1")
     assert told.joints == built_in.joints
     assert told.urdf == built_in.urdf
     assert told.arms == built_in.arms
@@ -99,7 +99,7 @@ def test_the_how_tos_robot_loads_as_it_stands_there(tmp_path):
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_the_recorders_frames_are_found_where_a_joint_and_a_link_share_their_name(name):
-    robot = description.load(name)
+    robot = robots.load(name)
     kinematics = Kinematics(robot)
     for arm in robot.arms.values():
         assert kinematics.model.frames[kinematics.frame_id(arm.tool)].name == arm.tool

@@ -13,7 +13,7 @@ import pytest
 from hal.drives.lifecycle import DriveError
 from handrail import messages
 from handrail.messages import ActionEvent, DaemonStatus, RunState
-from handrail.robot import description as robot_description
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from handrail.topics import Caller, RefusedError, Subscriber
 
@@ -229,7 +229,7 @@ def test_a_moved_template_makes_its_plan_stale_and_the_plan_is_refused(calm_stac
 def test_a_tool_goes_along_with_a_template_that_is_moved_until_the_operator_has_seen_enough(calm_stack):
     """rtc_programs/follow.yaml with the left arm: whole-body control by a program, judged by the plant."""
     robot, truth = calm_stack.robot, calm_stack.truth()
-    description = robot_description.load("talos_upper")
+    description = robots.load("talos_upper")
     kinematics = Kinematics(description)
 
     def tip(sample):

@@ -46,7 +46,7 @@ from handrail.messages import (
     RunState,
     Stop,
 )
-from handrail.robot import description
+from handrail.robot import library as robots
 from handrail.topics import RefusedError, Unreachable
 
 WHEEL = Pose(position=(0.55, -0.35, 0.30))
@@ -56,7 +56,7 @@ class FakeRobot:
     """A daemon and an engine in one object, with clients instead of a link. Thread-safe enough for tests."""
 
     def __init__(self) -> None:
-        self.description = description.load("talos_upper")
+        self.description = robots.load("talos_upper")
         self.position = self.description.home_position().tolist()
         self.calls: list[Any] = []
         self.reachable = True

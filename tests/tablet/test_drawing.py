@@ -9,14 +9,14 @@ import pytest
 import trimesh
 import yourdfpy
 
-from handrail.robot import description
+from handrail.robot import library as robots
 from tablet_client.scene import meshes, robot, solids
 from tablet_client.scene.kinematics import Chain
 
 
 @pytest.fixture(scope="module")
 def talos():
-    return description.load("talos_upper")
+    return robots.load("talos_upper")
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +76,10 @@ def test_every_body_of_the_robot_has_something_to_draw(drawn):
 
 
 def test_the_floor_is_where_the_description_has_it_and_else_below_what_does_not_move(mesh_folder):
-    bench = description.load("sea_bench")
+    bench = robots.load("sea_bench")
     assert robot.load(bench, mesh_folder).floor == pytest.approx(-0.75)  # the stand's plate
     assert robot.load(dataclasses.replace(bench, floor=-1.2), mesh_folder).floor == -1.2
-    assert description.load("talos").floor == pytest.approx(-1.035), "where its soles are, not its pelvis"
+    assert robots.load("talos").floor == pytest.approx(-1.035), "where its soles are, not its pelvis"
 
 
 def test_meshes_are_prepared_once(drawn, talos, mesh_folder):

@@ -17,7 +17,7 @@ from affordance_templates.instance import Instance
 from affordance_templates.placement import placed, rotation_of, to_message
 from handrail.config import ConfigError
 from handrail.messages import InstanceState, Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 
 @pytest.fixture(scope="module")

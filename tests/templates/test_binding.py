@@ -20,7 +20,7 @@ from engines.planning.goals import GoalReader
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import Palm, RobotDescription
 from handrail.robot.kinematics import Kinematics
 

@@ -18,7 +18,7 @@ from daemon.warm_up import warm_up
 from hal.plant.bullet import pybullet as p
 from hal.plant.robot_body import BASE
 from hal.plant.scene import EMPTY
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.whole_body.conftest import WholeBodyBench

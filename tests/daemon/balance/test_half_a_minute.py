@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.balance import OFF_MM, SLIP_MM, STAND_S, stand
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 
 @pytest.mark.soak

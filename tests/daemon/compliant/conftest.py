@@ -20,7 +20,7 @@ from hal.plant.direct_port import DirectPort
 from hal.plant.scene import EMPTY, Box, Scene
 from hal.plant.world import World
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.loop.conftest import Bench

@@ -10,7 +10,7 @@ import pytest
 from daemon.state import observer
 from daemon.warm_up import warm_up
 from handrail.messages import ContactEnd
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.compliant.conftest import TIP
 

@@ -12,7 +12,7 @@ from hal.plant.bullet import pybullet as p
 from hal.plant.scene import EMPTY, Box, Scene
 from handrail.behaviour_file import BehaviourFile
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 MASS = 0.15

@@ -17,7 +17,7 @@ from hal.joint import JointCommand, JointState, Mode
 from hal.plant.bullet import pybullet as p
 from hal.plant.robot_body import BASE
 from hal.plant.world import World
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 

@@ -13,7 +13,7 @@ from daemon.state.estimator import HOLDS, BaseEstimator, BaseSource, BaseState, 
 from daemon.state.invariant_filter import GRAVITY
 from hal.device import DeviceState
 from hal.joint import JointState
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.estimate.conftest import ENABLED_MS, Run
 

@@ -17,7 +17,7 @@ from hal.drives.protocol import LimbProtocol
 from hal.plant.direct_port import DirectPort
 from hal.plant.world import World
 from handrail.messages import Base
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.loop.conftest import Bench
 

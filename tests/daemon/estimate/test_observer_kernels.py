@@ -9,7 +9,7 @@ import pytest
 from daemon.state.observer import OBSERVER_HZ, SENSOR_HZ, ExternalWrenches
 from hal.device import DeviceState
 from hal.joint import JointState
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 PERIOD = 0.002

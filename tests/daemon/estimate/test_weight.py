@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from daemon.state.weight import Weight
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.wbc.test_dynamics import branched
 

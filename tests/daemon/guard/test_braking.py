@@ -8,7 +8,7 @@ from daemon.safety.bodies import Bodies
 from daemon.safety.braking import Braking
 from daemon.safety.separation import COMMANDED, judge
 from hal.joint import JointCommand, JointState
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 

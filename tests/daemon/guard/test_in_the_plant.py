@@ -16,7 +16,7 @@ import pytest
 from daemon.exchange import ActionState, Answer, Outcome, Rule
 from hal.plant.bullet import pybullet as p
 from handrail.messages import JointTrajectory
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.guarding import Guarding
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.compliant.conftest import InPlant

@@ -20,7 +20,7 @@ from daemon.safety.separation import COMMANDED, EXCUSING, MARGIN, MAX_TRIPS, jud
 from hal.drives.protocol import LimbProtocol
 from hal.joint import JointCommand, JointState
 from handrail.messages import JointTrajectory
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.guarding import Guarding, HalfSpace, KeepOut
 from handrail.robot.kinematics import Kinematics
 from tests.daemon.loop.conftest import Bench

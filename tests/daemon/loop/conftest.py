@@ -43,7 +43,7 @@ from handrail.messages import (
     StartBehaviour,
     Step,
 )
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.runtime import Runtime

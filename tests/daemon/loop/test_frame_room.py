@@ -8,7 +8,7 @@ import pytest
 
 from daemon.controllers.frame_room import frame_room
 from daemon.controllers.references import LinePath
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 

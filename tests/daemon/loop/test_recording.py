@@ -25,7 +25,7 @@ from daemon.replay.tape_file import COMMANDS, ORDER, RECEIVED, TapeRecorder, loo
 from hal.joint import JointCommand
 from handrail.messages import LogLine
 from handrail.recorder import Recording
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.keepsake import keepsake, restore
 from handrail.runtime import Runtime
 
@@ -237,7 +237,7 @@ def read_ros1(definition: str, data: bytes) -> dict[str, Any]:
     return told
 
 
-@pytest.mark.parametrize("name", sorted(robots.library()))
+@pytest.mark.parametrize("name", sorted(robots.files()))
 def test_a_robot_is_kept_whole(name: str, tmp_path: Path) -> None:
     kept = robots.load(name)
     again = restore(keepsake(kept), tmp_path)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.wbc.model import WholeBodyModel
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 _made: dict[tuple[str, bool], WholeBodyModel] = {}

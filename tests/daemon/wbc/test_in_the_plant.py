@@ -16,7 +16,7 @@ from daemon.wbc.tasks import CartPos, JPos, QuaternionOrientation, Wrench
 from hal.plant.scene import EMPTY, Box, Scene
 from hal.plant.world import World
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from tests.plant.conftest import Host
 

@@ -18,7 +18,7 @@ from daemon.replay.tape import TapeWriter
 from daemon.serving.whole_body_door import WholeBodyDoor
 from hal.plant.scene import EMPTY, Scene
 from handrail.messages import EndCondition, StartAction, StartBehaviour, Step, StreamPose, WholeBody
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.description import RobotDescription
 from tests.daemon.compliant.conftest import InPlant
 

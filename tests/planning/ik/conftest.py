@@ -13,7 +13,7 @@ from yourdfpy import URDF
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from handrail.messages import Pose
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
 SHARE = Path(sys.prefix) / "lib" / f"python3.{sys.version_info.minor}" / "site-packages" / "cmeel.prefix" / "share"

@@ -29,7 +29,7 @@ from engines.planning.ik.constraints import (
     Posture,
 )
 from engines.planning.plan import Infeasible
-from handrail.robot import description as robots
+from handrail.robot import library as robots
 
 TIP, LEFT = "tool_right_tip", "tool_left_tip"
 FOOT = ((0.1, 0.05, 0.0), (0.1, -0.05, 0.0), (-0.1, -0.05, 0.0), (-0.1, 0.05, 0.0))

@@ -39,6 +39,7 @@ from engines.plans.sight import Sight
 from engines.plans.store import PlanStore
 from engines.programs import deployment, library
 from engines.programs.deployment import Deployed
+from engines.programs.outline import outline
 from engines.programs.rehearsal import Rehearsal
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
@@ -167,6 +168,7 @@ class Engine:
             m.SetRunParameters: lambda call: self._program_run().set_parameters(call.parameters),
             m.SetAutonomy: self._set_autonomy,
             m.GetRunHistory: self._history,
+            m.GetOutline: self._outline,
             m.AnswerPrompt: self._services.prompts.answer,
             m.GetEngine: lambda call: self._snapshot(),
             **node_answers(self._services.nodes, _in_thread),
@@ -484,6 +486,13 @@ class Engine:
         if self._run is None:
             raise refuse("no program has run yet")
         return m.RunHistory(run=self._run.state.run, visits=self._run.visits)
+
+    def _outline(self, call: m.GetOutline) -> m.Outline:
+        if call.deployment:
+            return outline(self._deployed(call.deployment))
+        if self._run is None:
+            raise refuse("no program has run yet")
+        return outline(self._run.deployed)
 
     def _recover(self) -> None:
         """Take up, paused, the run that was under way when the engine was killed."""

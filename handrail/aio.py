@@ -217,6 +217,7 @@ class AsyncClient:
     set_run_parameters = _awaited(Client.set_run_parameters)
     set_autonomy = _awaited(Client.set_autonomy)
     run_history = _awaited(Client.run_history)
+    outline = _awaited(Client.outline)
     answer = _awaited(Client.answer)
     snapshot = _awaited(Client.snapshot)
     nodes = _awaited(Client.nodes)

@@ -54,6 +54,7 @@ from handrail.messages import (
     GetEngine,
     GetEngines,
     GetInstances,
+    GetOutline,
     GetPlan,
     GetReleases,
     GetRobot,
@@ -66,6 +67,7 @@ from handrail.messages import (
     ListLibrary,
     MakePlan,
     MoveInstance,
+    Outline,
     PauseRun,
     PlaceInstance,
     PlanMotion,
@@ -423,6 +425,10 @@ class Client(NodeCalls):
     def run_history(self) -> RunHistory:
         """The states that the last run went through, with their times and what ended them."""
         return self.call(GetRunHistory())
+
+    def outline(self, deployment: Deployment | str = "") -> Outline:
+        """The states of what was deployed, or of what ran last, as a tree."""
+        return self.call(GetOutline(deployment=deployment if isinstance(deployment, str) else deployment.id))
 
     def answer(self, prompt: str, answer: str, by: str = "operator") -> None:
         """Answer a prompt by its id. Refused when it was already answered."""

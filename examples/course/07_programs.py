@@ -6,6 +6,7 @@ from handrail.messages import Prompt, RunState
 with handrail.connect() as robot:
     robot.enable()
     deployment = robot.deploy("turn_valve", {"arm": "right", "valve": "wheel_1"}, {"goal_deg": 60})
+    print("its states:", ", ".join(state.id for state in robot.outline(deployment).states))
     check = robot.check_task(deployment)  # rehearsed whole, before anything moves
     print("rehearsed:", "feasible" if check.feasible else check.detail)
 

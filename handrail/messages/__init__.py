@@ -184,9 +184,12 @@ from handrail.messages.programs import (
     CheckTask,
     Deploy,
     Deployment,
+    GetOutline,
     Library,
     LibraryEntry,
     ListLibrary,
+    Outline,
+    OutlineState,
     TaskCheck,
     TaskStep,
 )
@@ -308,6 +311,7 @@ __all__ = [
     "GetHardware",
     "GetInstances",
     "GetNodes",
+    "GetOutline",
     "GetPlan",
     "GetReleases",
     "GetRobot",
@@ -355,6 +359,8 @@ __all__ = [
     "Nodes",
     "NonNegative",
     "Ok",
+    "Outline",
+    "OutlineState",
     "PathForce",
     "PauseAction",
     "PauseRun",
@@ -476,6 +482,7 @@ Run.Reply = RunState
 RunFrom.Reply = RunState
 TakeTransition.Reply = RunState
 GetRunHistory.Reply = RunHistory
+GetOutline.Reply = Outline
 GetEngine.Reply = EngineSnapshot
 
 DaemonCall = (
@@ -547,6 +554,7 @@ EngineCall = (
     | SetRunParameters
     | SetAutonomy
     | GetRunHistory
+    | GetOutline
     | AnswerPrompt
     | GetEngine
     | GetNodes
@@ -593,6 +601,7 @@ Answer = (
     | Library
     | Deployment
     | TaskCheck
+    | Outline
     | RunState
     | RunHistory
     | EngineSnapshot

@@ -96,3 +96,41 @@ class TaskCheck(Message):
     """of the program, if everything goes as planned"""
     detail: str
     steps: list[TaskStep]
+
+
+@travels(priority=1, remote=True)
+class GetOutline(Message):
+    """Which states does a deployed program have?"""
+
+    deployment: str = ""
+    """empty: the one that ran last, or runs"""
+    engine: str = ""
+
+
+class OutlineState(msgspec.Struct, kw_only=True):
+    """One state of a program."""
+
+    id: str
+    """as RunState names it"""
+    parent: str = ""
+    """id of the state that it is in"""
+    title: str = ""
+    does: str = ""
+    """its activity; empty: it only decides, or holds other states"""
+    parallel: bool = False
+    """all states in it are active together"""
+    outcome: str = ""
+    """of the program, where it ends it"""
+    ways: list[str] = []
+    """the states that its transitions lead to, in the file's order (TakeTransition.way); empty: it stays where it is"""
+
+
+class Outline(Message):
+    """Answer to GetOutline."""
+
+    deployment: str
+    program: str
+    title: str
+    hash: str
+    states: list[OutlineState]
+    """as they stand in the file; those of a program that a state runs come after that state"""

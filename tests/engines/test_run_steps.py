@@ -134,6 +134,19 @@ def test_the_history_says_what_was_passed_in_which_order_and_what_ended_it(stack
     assert first.left_ns >= first.entered_ns > 0
 
 
+def test_the_outline_of_a_run_names_every_state_with_what_it_is_in_what_it_does_and_where_it_leads(halted):
+    run = halted.call(m.GetEngine()).run
+    told = halted.call(m.GetOutline())
+    assert (told.program, told.hash, told.deployment) == ("turn_valve", run.hash, run.deployment)
+    states = {state.id: state for state in told.states}
+    assert list(states)[:4] == ["planning", "confirming", "turning", "stroking"]
+    assert states["stroking"].parent == "turning" and states["stroking"].does == "execute"
+    assert states["confirming"].ways == ["turning", "failed", "failed"]
+    assert states["done"].outcome == "succeeded" and states["turning"].title == "Turn, stroke by stroke"
+    assert halted.call(m.GetOutline(deployment=run.deployment)) == told
+    assert halted.refusal(m.GetOutline(deployment="another")).field == "deployment"
+
+
 def killed(stack, monkeypatch):
     """End an engine that writes nothing any more, as one that is killed."""
     monkeypatch.setattr(stack.engine._journal, "write", lambda *run: None)

@@ -11,19 +11,21 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from affordance_templates import authoring_cli, catalogue, template_file
+from affordance_templates import authoring_cli, catalogue, running_cli, template_file
 from affordance_templates.template import ResolvedTemplate, ResolvedTrajectory
 from affordance_templates.template_file import Template
 from affordance_templates.template_schema import json_schema
 from handrail.config import ConfigError
 
 app = typer.Typer(
-    help="Affordance templates: look at them, check, draw, begin, import, teach them.", no_args_is_help=True
+    help="Affordance templates: look at them, check, draw, begin, import, teach them; what of them can be reached.",
+    no_args_is_help=True,
 )
 app.command()(authoring_cli.new)
 app.command("import")(authoring_cli.import_)
 app.command()(authoring_cli.record)
 app.command()(authoring_cli.save)
+app.command()(running_cli.reach)
 _out = Console()
 
 _Name = Annotated[str, typer.Argument(help="A template of the library, or a file.")]

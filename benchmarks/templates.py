@@ -1,6 +1,7 @@
-"""What a template costs to expand while a parameter of it is dragged: ``handrail bench templates``.
+"""What a template costs while it is dragged: ``handrail bench templates``. Its reachability: `benchmarks.template_reach`.
 
-Every expression, joint, shape, feature and waypoint anew, with values that change each time; CPU time of one core, the median.
+Expanded while a parameter of it is: every expression, joint, shape, feature and waypoint anew, with values that change each time;
+CPU time of one core, the median.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import time
 
 from affordance_templates import catalogue
 from affordance_templates.template_file import Template
+from benchmarks import template_reach
 from benchmarks.rows import Row
 
 _ROUNDS = 100
@@ -18,6 +20,11 @@ _MOST_MS = 5.0
 
 
 def rows() -> list[Row]:
+    """One a template of the library, and how often reachability is told."""
+    return [*expansions(), *template_reach.rows()]
+
+
+def expansions() -> list[Row]:
     """One a template of the library."""
     return [_row(name, catalogue.load(name)) for name in sorted(catalogue.files())]
 

@@ -41,6 +41,7 @@ from engines.programs import deployment, library
 from engines.programs.deployment import Deployed
 from engines.programs.outline import outline
 from engines.programs.rehearsal import Rehearsal
+from engines.reach.desk import ReachDesk
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
 from engines.runs.job import Job
@@ -120,6 +121,7 @@ class Engine:
             if first
             else SharedInstances(runtime, changed=self._instance_told, log=self._log)
         )
+        self._reach = ReachDesk(description, affordances, daemon, self._tell)
         plans = PlanStore(affordances.instances, daemon.world, self._tell)
         self._sight = Sight(runtime)
         daemon.rested = plans.robot_rested
@@ -154,6 +156,7 @@ class Engine:
             m.ExecutePlan: self._execute_plan,
             m.AwaitPlan: self._await_plan,
             m.Jog: self._jog,
+            m.GetReach: self._reach.ask,
             m.ListLibrary: lambda call: _in_thread(library.listing, "library"),
             m.Deploy: self._deploy,
             m.CheckTask: self._check_task,
@@ -217,6 +220,7 @@ class Engine:
             self._job.join(0.5)
         self._publish()
         self._services.nodes.close()
+        self._reach.close()
         self._services.daemon.close()
         if isinstance(self._services.affordances, SharedInstances):
             self._services.affordances.close()
@@ -267,6 +271,7 @@ class Engine:
 
     def _instance_told(self, state: m.InstanceState) -> None:
         self._services.plans.instance_changed(state.name)
+        self._reach.instance_changed()
 
     # ------------------------------------------------------------------------------------------------------------- the calls
 

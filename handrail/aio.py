@@ -220,6 +220,7 @@ class AsyncClient:
     outline = _awaited(Client.outline)
     answer = _awaited(Client.answer)
     snapshot = _awaited(Client.snapshot)
+    reach = _awaited(Client.reach)
     nodes = _awaited(Client.nodes)
     start_node = _awaited(Client.start_node)
     put_node = _awaited(Client.put_node)

@@ -98,6 +98,7 @@ from handrail.messages import (
     TaskCheck,
 )
 from handrail.node_calls import NodeCalls
+from handrail.template_calls import TemplateCalls
 from handrail.topics import RefusedError, Unreachable
 
 __all__ = ["Client", "Events", "Live", "Part", "RefusedError", "Selection", "Unreachable", "connect"]
@@ -132,7 +133,7 @@ def connect(
     return Client(session, engine)
 
 
-class Client(NodeCalls):
+class Client(NodeCalls, TemplateCalls):
     """One operator's connection to a robot. Made by `connect`; reconnects by itself; close it or use it as a context."""
 
     def __init__(self, session: Session, engine: str = ""):

@@ -59,6 +59,7 @@ from handrail.messages import (
     Pose,
     Prompt,
     PromptClosed,
+    Reach,
     RobotInfo,
     RobotState,
     RunState,
@@ -88,6 +89,7 @@ _AS_THEY_COME: dict[type, str] = {
     CodeChanged: "/code_changed",
     EngineInfo: "/engine",
     PortValue: "/port",
+    Reach: "/reach",
 }
 _BACKWARDS_NS = 1_000_000_000
 

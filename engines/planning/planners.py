@@ -18,6 +18,8 @@ from handrail.robot.description import RobotDescription
 from handrail.robot.kinematics import Kinematics
 
 if TYPE_CHECKING:
+    import pinocchio as pin
+
     from engines.planning.collision.seen import Seen
     from engines.planning.motion_planner import MotionPlanner
 
@@ -40,6 +42,13 @@ class Planners:
         """Of a robot whose base is held."""
         return self._planner(standing=False)
 
+    def of(self, base: Base | None) -> tuple[MotionPlanner, pin.SE3]:
+        """Who plans for a robot whose base is there (None: fixed), and where that is. Raises ValueError as `base_of`."""
+        from engines.planning.footing import base_of
+
+        there, standing = base_of(base)
+        return self._planner(standing=standing), there
+
     def _planner(self, *, standing: bool) -> MotionPlanner:
         """Made when it is asked for first: many programs never do, and it has a model and geometry of its own."""
         from engines.planning.motion_planner import MotionPlanner
@@ -60,10 +69,7 @@ class Planners:
 
         `base`: of a robot where it is not fixed.
         """
-        from engines.planning.footing import base_of
-
-        there, standing = base_of(base)
-        planner = self._planner(standing=standing)
+        planner, there = self.of(base)
         question = replace(
             planner.read(call, instances, position, there), seeds=seeds, seen=seen.obstacles if seen else ()
         )

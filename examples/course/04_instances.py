@@ -18,6 +18,17 @@ with handrail.connect() as robot:
         print("refused:", refused)
 
     robot.remove_instance("guess")
+    robot.place_instance("crate", "box", Pose(position=(0.55, -0.30, 0.10)))
+    for waypoint in robot.reach("crate", "grasp", "right").waypoints:
+        print(f"  the right hand at {waypoint.name}: {waypoint}")
+    # Goes on while it is dragged: each tells of which version it is.
+    for told in robot.watch_reach("crate", "grasp", "right"):
+        far = [waypoint.name for waypoint in told.waypoints if waypoint.state == "not"]
+        print(f"version {told.version}: out of reach: {', '.join(far) or 'nothing'}")
+        if far:
+            break
+        robot.move_instance("crate", Pose(position=(1.55, -0.30, 0.10)))
+    robot.remove_instance("crate")
     robot.place_instance(
         "wheel_1", "wheel", Pose(position=(0.55, -0.35, 0.30))
     )  # where the valve is: for the lessons to come

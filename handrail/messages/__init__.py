@@ -198,6 +198,7 @@ from handrail.messages.prompts import (
     Prompt,
     PromptClosed,
 )
+from handrail.messages.reach import GetReach, Reach, WaypointReach
 from handrail.messages.references import (
     FixedPose,
     FrameLine,
@@ -313,6 +314,7 @@ __all__ = [
     "GetNodes",
     "GetOutline",
     "GetPlan",
+    "GetReach",
     "GetReleases",
     "GetRobot",
     "GetRunHistory",
@@ -389,6 +391,7 @@ __all__ = [
     "PutBundle",
     "PutNode",
     "RankChoices",
+    "Reach",
     "Reference",
     "Refused",
     "RelationGoal",
@@ -449,6 +452,7 @@ __all__ = [
     "UnloadController",
     "Vector",
     "WatchPort",
+    "WaypointReach",
     "WholeBody",
     "spec",
 ]
@@ -484,6 +488,7 @@ TakeTransition.Reply = RunState
 GetRunHistory.Reply = RunHistory
 GetOutline.Reply = Outline
 GetEngine.Reply = EngineSnapshot
+GetReach.Reply = Reach
 
 DaemonCall = (
     GetRobot
@@ -568,6 +573,7 @@ EngineCall = (
     | RollBack
     | GetEngines
     | SetJoint
+    | GetReach
 )
 EngineEvent = (
     InstanceState
@@ -580,6 +586,7 @@ EngineEvent = (
     | CodeChanged
     | EngineInfo
     | PortValue
+    | Reach
 )
 Answer = (
     Ok
@@ -612,4 +619,5 @@ Answer = (
     | Releases
     | RolledBack
     | Engines
+    | Reach
 )

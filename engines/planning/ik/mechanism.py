@@ -89,7 +89,9 @@ class Mechanism:
             if reference is not None:
                 at[model.nq - len(reference) :] = reference
             _one_name_each(model)
-            model, geometry = pin.buildReducedModel(model, geometry, lock, at)
+            whole = model
+            model, geometry = pin.buildReducedModel(whole, geometry, lock, at)
+            _as_carried(model, whole)
         for body in geometry.geometryObjects:
             if isinstance(body.geometry, coal.BVHModelBase):
                 body.geometry.buildConvexHull(True, "Qt")
@@ -184,6 +186,14 @@ class Mechanism:
 def flat(placement: pin.SE3) -> Array:
     """(12,): rotation by columns, translation."""
     return np.concatenate((placement.rotation.T.reshape(-1), placement.translation))
+
+
+def _as_carried(reduced: pin.Model, whole: pin.Model) -> None:
+    """What carries the frames of joints that were locked: pinocchio 4.1 says that each carries itself."""
+    for number, frame in enumerate(reduced.frames):
+        if number and frame.parentFrame == number:
+            carrier = whole.frames[whole.frames[whole.getFrameId(frame.name)].parentFrame]
+            frame.parentFrame = reduced.getFrameId(carrier.name)
 
 
 def _one_name_each(model: pin.Model) -> None:

@@ -1,0 +1,50 @@
+"""What a client can do with a template that is placed: what of it can be reached, and it runs alone (docs/templates.md)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from handrail.link.events import Events
+from handrail.messages import GetReach, Reach
+
+_LASTS_S, _RENEWED_S = 10.0, 4.0
+
+
+class TemplateCalls:
+    """Part of `handrail.client.Client`."""
+
+    if TYPE_CHECKING:  # the client has them
+
+        def call(self, message: Any, timeout_s: float | None = None) -> Any: ...
+        def events(self, *kinds: type, timeout_s: float = 5.0) -> Events: ...
+
+    def reach(self, instance: str, trajectory: str, arm: str = "", *, clearance: float = 0.01) -> Reach:
+        """Which waypoints of an instance's trajectory an arm can reach, near which limits, or by how much they are missed.
+
+        `clearance`: m to keep from everything. Refused where instance, trajectory or arm are not there.
+        """
+        return self.call(GetReach(instance=instance, trajectory=trajectory, arm=arm, clearance=clearance))
+
+    def watch_reach(
+        self, instance: str, trajectory: str, arm: str = "", *, clearance: float = 0.01, rate: float = 10.0
+    ) -> Iterator[Reach]:
+        """The same, now and whenever an instance or what carries the arm moves, at most `rate` times a second, for as long as one
+        iterates. Each Reach says of which version of the instance it is.
+        """
+        watch = GetReach(
+            instance=instance, trajectory=trajectory, arm=arm, clearance=clearance, rate=rate, lasts=_LASTS_S
+        )
+        with self.events(Reach) as told:
+            first = self.call(watch)
+            yield first
+            renewed = time.monotonic()
+            while not told.closed:
+                event = told.next(_RENEWED_S / 4)
+                about = (instance, trajectory, first.arm)
+                if isinstance(event, Reach) and (event.instance, event.trajectory, event.arm) == about:
+                    yield event
+                if time.monotonic() - renewed >= _RENEWED_S:
+                    self.call(watch)
+                    renewed = time.monotonic()

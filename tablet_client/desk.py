@@ -13,12 +13,13 @@ from typing import Any
 
 from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
 
-from handrail.messages import AnswerPrompt, ClearStop, Enable, GetPlan, Message, PauseRun, ResumeRun, StopRun
+from handrail.messages import AnswerPrompt, ClearStop, Enable, GetPlan, Message
 from tablet_client.models.arrivals import Inbox
 from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_of
 from tablet_client.models.prompts import lets_go
 from tablet_client.models.quantities import in_unit, label, quantity
 from tablet_client.models.situation import Situation
+from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
 
@@ -28,9 +29,6 @@ _PATIENCE = 0.3  # s that a frame may take before the next look is taken anyway
 _COMMANDS: dict[str, Callable[[], Message]] = {
     "enable": Enable,
     "clear_stop": ClearStop,
-    "pause": PauseRun,
-    "resume": ResumeRun,
-    "stop_run": StopRun,
 }
 _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do not
 _ROLES = ("clock", "level", "code", "details")
@@ -81,7 +79,6 @@ class Desk(QObject):
     """Everything that QML reads and calls. Lives on the window's thread."""
 
     headerChanged = Signal()
-    taskChanged = Signal()
     promptChanged = Signal()
     ghostChanged = Signal()
     ghostTimeChanged = Signal()
@@ -93,8 +90,8 @@ class Desk(QObject):
         self.inbox = Inbox(self._arrived.emit)
         self._session: Session | None = None
         self._journal = JournalList(situation)
+        self._run = RunDesk(situation, self._send)
         self._header: dict[str, Any] = {}
-        self._task: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
         self._ghost_time = 0.0
@@ -119,9 +116,9 @@ class Desk(QObject):
     def header(self) -> dict[str, Any]:
         return self._header
 
-    @Property(_MAP, notify=taskChanged)
-    def task(self) -> dict[str, Any]:
-        return self._task
+    @Property(QObject, constant=True)
+    def run(self) -> RunDesk:
+        return self._run
 
     @Property(_MAP, notify=promptChanged)
     def prompt(self) -> dict[str, Any]:
@@ -149,7 +146,7 @@ class Desk(QObject):
 
     @Slot(str)
     def command(self, name: str) -> None:
-        """Enable, clear the stop, pause, resume or stop the run; does nothing while the button says why it can't."""
+        """Enable, or clear the stop; does nothing while the button says why it can't."""
         if not self.situation.why_not_command(name):
             self._send(_COMMANDS[name]())
 
@@ -199,6 +196,9 @@ class Desk(QObject):
         plans = self.situation.plans
         if self._session is not None and (plan := plans.want()):
             self._session.send(GetPlan(id=plan))
+        if self._session is not None and self.situation.link.engine:
+            for call in self.situation.task.tree.want(now):
+                self._session.send(call)
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
@@ -210,7 +210,7 @@ class Desk(QObject):
 
     def _build(self) -> None:
         self._announce("_header", self._build_header(), self.headerChanged)
-        self._announce("_task", self._build_task(), self.taskChanged)
+        self._run.build()
         self._announce("_prompt", self._build_prompt(), self.promptChanged)
         self._announce("_ghost", self._build_ghost(), self.ghostChanged)
         self._announce("_ghost_time", self.situation.plans.time, self.ghostTimeChanged)
@@ -257,23 +257,6 @@ class Desk(QObject):
         if _COMMANDS[command].__name__ in self.situation.pending:
             return "sending"
         return self.situation.why_not_command(command)
-
-    def _build_task(self) -> dict[str, Any]:
-        task = self.situation.task
-        run, progress = task.run, task.progress
-        return {
-            "status": task.status,
-            "program": run.program if run else "",
-            "hash": run.hash if run else "",
-            "detail": run.detail if run else "",
-            "active": list(run.active) if run else [],
-            "turned": progress.turned_deg if progress else -1.0,
-            "goal": progress.goal_deg if progress else 0.0,
-            "facts": [{"label": label, "text": text} for label, text in task.facts],
-            "pauseWhy": self._why("pause"),
-            "resumeWhy": self._why("resume"),
-            "stopWhy": self._why("stop_run"),
-        }
 
     def _build_prompt(self) -> dict[str, Any]:
         prompts, plans = self.situation.prompts, self.situation.plans

@@ -66,7 +66,7 @@ class Situation:
         return ""
 
     def why_not_command(self, command: str) -> str:
-        """The same for `enable`, `clear_stop`, `pause`, `resume`, `stop_run`."""
+        """The same for `enable`, `clear_stop`, and for all that may be done with the run (Task.why_not)."""
         if not self.link.attached:
             return "no_robot"
         if command == "enable":
@@ -83,6 +83,8 @@ class Situation:
     def _link_news(self, item: Any) -> None:
         if not self.link.take(item, self._clock()):
             return
+        if isinstance(item, arrivals.Unanswered | arrivals.EngineDetached):
+            self.task.tree.detached()
         if isinstance(item, arrivals.Unanswered):
             self.pending.clear()
             self.note("error", "detached", item.why)
@@ -115,12 +117,15 @@ class Situation:
             self.plans.take(item.answer)
         elif isinstance(item.answer, messages.RunState):
             self.task.take(item.answer)
+        elif isinstance(item.answer, messages.Outline | messages.RunHistory):
+            self.task.tree.take(item.answer)
 
     def _call_failed(self, item: arrivals.CallFailed) -> None:
         name = type(item.call).__name__
         self.pending.discard(name)
         if isinstance(item.call, AnswerPrompt):
             self.prompts.failed(item.call, item.why)
+        self.task.tree.failed(item.call, item.refused)
         self.note("warning" if item.refused else "error", "refused" if item.refused else "unanswered", name, item.why)
 
     def _stop_progress(self, item: arrivals.StopProgress) -> None:

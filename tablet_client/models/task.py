@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from handrail.messages import RunState
+from handrail.messages import (
+    Message,
+    PauseRun,
+    ResumeRun,
+    Run,
+    RunFrom,
+    RunState,
+    SetBreakpoints,
+    StepRun,
+    StopRun,
+    TakeTransition,
+)
+from tablet_client.models.program_tree import ProgramTree
 from tablet_client.models.quantities import has_unit, label, plain, quantity
 
 _OVER = ("succeeded", "failed", "stopped")
@@ -24,9 +37,11 @@ class Task:
 
     def __init__(self) -> None:
         self.run: RunState | None = None
+        self.tree = ProgramTree()
 
     def take(self, run: RunState | None) -> None:
         self.run = run
+        self.tree.take_run(run)
 
     @property
     def status(self) -> str:
@@ -58,15 +73,59 @@ class Task:
                 shown.append((label(name), plain(value)))
         return shown
 
+    def call(self, command: str, state: str = "") -> Message | None:
+        """What to send for a command that may be given (`why_not`)."""
+        run = self.run
+        if run is None:
+            return None
+        if command == "breakpoint":
+            return SetBreakpoints(states=sorted(set(run.breakpoints) ^ {state}))
+        made: dict[str, Callable[[], Message]] = {
+            "start": lambda: Run(deployment=run.deployment),
+            "pause": PauseRun,
+            "resume": ResumeRun,
+            "step": StepRun,
+            "stop_run": StopRun,
+            "skip": lambda: TakeTransition(state=self.tree.innermost),
+            "repeat": lambda: RunFrom(state=self.tree.innermost),
+            "from": lambda: RunFrom(state=state),
+        }
+        return made[command]()
+
+    @property
+    def advice(self) -> str:
+        """Code of what to do next where the run does not go on by itself; empty: nothing is needed."""
+        if self.run is None:
+            return ""
+        if self.run.status == "failed":
+            return "failed" if self.tree.innermost else "failed_at_once"
+        if self.run.status == "stopped":
+            return "stopped"
+        if self.run.status == "paused":
+            return "paused_before" if self.run.waiting else "paused"
+        return ""
+
     def why_not(self, command: str) -> str:
-        """Code of the reason why `pause`, `resume` or `stop_run` can't be pressed; empty when it can."""
+        """Code of the reason why a command can't be given; empty when it can.
+
+        `pause`, `resume`, `stop_run`, `step`; `skip` of the state that is at work; `start` (again), `repeat` its last state, `from`
+        a state; `autonomy`, `breakpoint`.
+        """
         if self.run is None:
             return "no_program"
+        if command in ("autonomy", "breakpoint", "from"):
+            return ""
+        if command == "start":
+            return "" if self.run.status in (*_OVER, "ready") else "run_under_way"
+        if command == "repeat":
+            return "" if self.tree.innermost else "no_state"
         if self.run.status in _OVER:
             return "run_over"
         if command == "pause":
             return {"running": "", "paused": "already_paused"}.get(self.run.status, "not_running")
-        if command == "resume":
+        if command == "skip":
+            return "" if self.tree.innermost else "no_state"
+        if command in ("resume", "step"):
             return "" if self.run.status == "paused" else "not_paused"
         return "" if self.run.status in ("running", "paused") else "not_running"
 

@@ -56,14 +56,17 @@ Window {
                 spacing: Theme.gap
 
                 PromptCard { Layout.fillWidth: true }
-                TaskPanel { Layout.fillWidth: true }
-                // A decision goes before history: where the window is low, the journal gives way to the card.
-                JournalPanel {
+                Tabs {
+                    id: tabs
+                    objectName: "tabs"
                     Layout.fillWidth: true
-                    Layout.fillHeight: true
-                    Layout.minimumHeight: desk.prompt.open ? 0 : Math.round(90 * Theme.scale)
-                    clip: true
+                    pages: [
+                        { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
+                        { name: "journal", title: qsTr("History"), mark: "" },
+                    ]
                 }
+                TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
+                JournalPanel { visible: tabs.page === "journal"; Layout.fillWidth: true; Layout.fillHeight: true; clip: true }
             }
         }
     }

@@ -1,162 +1,95 @@
 import QtQuick
+import QtQuick.Controls.Basic
 import QtQuick.Layouts
 import Handrail
 
-// The program that runs: where it stands, how far it got, and the way to pause or end it.
+// The program that runs: its tree of states, how far it got, and the operator's hand on it.
 Panel {
     id: panel
 
-    readonly property var view: desk.task
+    readonly property var view: desk.run.view
     readonly property bool any: view.status !== "none"
-
-    implicitHeight: column.implicitHeight + 2 * Math.round(16 * Theme.scale)
+    readonly property bool under: view.status === "running" || view.status === "paused"
+    readonly property int _edge: Math.round(14 * Theme.scale)
 
     ColumnLayout {
-        id: column
-        anchors { left: parent.left; right: parent.right; top: parent.top; margins: Math.round(16 * Theme.scale) }
-        spacing: Theme.gap
+        anchors { fill: parent; margins: panel._edge }
+        spacing: Theme.tight
+
+        ListView {
+            id: tree
+            objectName: "programTree"
+            Layout.fillWidth: true
+            Layout.fillHeight: true
+            clip: true
+            model: desk.run.tree
+            boundsBehavior: Flickable.StopAtBounds
+            activeFocusOnTab: false
+            Accessible.role: Accessible.Tree
+            Accessible.name: qsTr("The program's states")
+            ScrollBar.vertical: ScrollBar { policy: ScrollBar.AsNeeded; width: Math.round(6 * Theme.scale) }
+            header: TaskSummary { width: tree.width }
+            delegate: StateRow { width: tree.width - Theme.tight }
+
+            // What runs stays in sight, unless someone is looking at something else.
+            readonly property string lit: panel.under ? panel.view.innermost : ""
+            onLitChanged: if (!panel.view.chosen && !moving) Qt.callLater(follow)
+            onCountChanged: Qt.callLater(follow)
+            function follow() {
+                if (!panel.under) { positionViewAtBeginning(); return } // how it ended stands above
+                for (let i = 0; i < count; ++i)
+                    if (model.data(model.index(i, 0), 256) === lit) { positionViewAtIndex(i, ListView.Contain); return }
+            }
+        }
 
         RowLayout {
+            visible: panel.any && !desk.prompt.open
             Layout.fillWidth: true
-            Caption { text: qsTr("Program"); Layout.fillWidth: true }
-            Rectangle {
-                visible: panel.any
-                implicitWidth: statusText.implicitWidth + 2 * Theme.gap
-                implicitHeight: statusText.implicitHeight + Theme.tight
-                radius: height / 2
-                color: "transparent"
-                border.color: Words.runColor(panel.view.status)
-                Text {
-                    id: statusText
-                    objectName: "runStatus"
-                    anchors.centerIn: parent
-                    text: Words.run(panel.view.status)
-                    color: Words.runColor(panel.view.status)
+            spacing: Theme.tight
+            Text { text: qsTr("Asks"); color: Theme.muted; font.pixelSize: Theme.small }
+            Repeater {
+                model: [{ level: "off", title: qsTr("always") }, { level: "low", title: qsTr("often") },
+                        { level: "high", title: qsTr("seldom") }, { level: "full", title: qsTr("never") }]
+                ActionButton {
+                    required property var modelData
+                    objectName: "autonomy_" + modelData.level
+                    Layout.fillWidth: true
+                    Layout.preferredWidth: 1
+                    text: modelData.title
+                    checked: panel.view.autonomy === modelData.level
                     font.pixelSize: Theme.small
-                    font.weight: Font.DemiBold
-                    Accessible.role: Accessible.StaticText
-                    Accessible.name: text
+                    Accessible.name: qsTr("The program asks %1 (autonomy %2)").arg(text).arg(modelData.level)
+                    Accessible.checkable: true
+                    Accessible.checked: checked
+                    enabled: panel.view.why.autonomy === ""
+                    onClicked: desk.run.setAutonomy(modelData.level)
                 }
             }
         }
-
-        Column {
-            visible: !panel.any
-            Layout.fillWidth: true
-            spacing: Theme.tight
-            Text { text: qsTr("No program runs."); color: Theme.text; font.pixelSize: Theme.large }
-            Text {
-                width: parent.width
-                visible: desk.header.link === "attached"
-                text: qsTr("Start one on the robot's computer:")
-                color: Theme.muted; font.pixelSize: Theme.small; wrapMode: Text.Wrap
-            }
-            Command {
-                width: parent.width
-                visible: desk.header.link === "attached"
-                text: "handrail program run turn_valve --bind arm=right --bind valve=" + (desk.header.places[0] || "INSTANCE")
-            }
-        }
-
-        RowLayout {
+        GridLayout {
             visible: panel.any
             Layout.fillWidth: true
-            spacing: Theme.gap
-            Dial {
-                visible: panel.view.turned >= 0 || panel.view.goal > 0
-                turned: Math.max(panel.view.turned, 0)
-                goal: panel.view.goal
-                color: panel.view.status === "running" ? Theme.accent : Words.runColor(panel.view.status)
-            }
-            ColumnLayout {
-                Layout.fillWidth: true
-                spacing: Math.round(3 * Theme.scale)
-                Text {
-                    objectName: "programName"
-                    Layout.fillWidth: true
-                    text: Words.name(panel.view.program)
-                    color: Theme.text
-                    font.pixelSize: Theme.large
-                    font.weight: Font.DemiBold
-                    elide: Text.ElideRight
-                }
-                Text {
-                    objectName: "activeStates"
-                    Layout.fillWidth: true
-                    visible: panel.view.active.length > 0
-                    text: panel.view.active.map(s => Words.name(s)).join(" › ")
-                    color: Theme.accent
-                    font.pixelSize: Theme.body
-                    wrapMode: Text.Wrap
-                    maximumLineCount: 2
-                    elide: Text.ElideRight
-                }
-                Flow {
-                    Layout.fillWidth: true
-                    Layout.topMargin: Math.round(2 * Theme.scale)
-                    spacing: Math.round(10 * Theme.scale)
-                    Repeater {
-                        model: panel.view.facts
-                        Row {
-                            required property var modelData
-                            spacing: Math.round(5 * Theme.scale)
-                            Text { text: modelData.label; color: Theme.muted; font.pixelSize: Theme.small }
-                            Text { text: modelData.text; color: Theme.text; font.pixelSize: Theme.small; font.weight: Font.DemiBold }
-                        }
-                    }
-                }
-                Text {
-                    objectName: "programHash"
-                    visible: panel.view.hash !== ""
-                    text: qsTr("content %1").arg(panel.view.hash.slice(0, 10))
-                    color: Theme.faint
-                    font.pixelSize: Math.round(12 * Theme.scale)
-                    font.family: "DejaVu Sans Mono, Consolas, Menlo, monospace"
-                }
-            }
-        }
-        Text {
-            visible: panel.view.detail !== ""
-            Layout.fillWidth: true
-            text: panel.view.detail
-            color: panel.view.status === "failed" ? "#ffaaa4" : Theme.muted
-            font.pixelSize: Theme.small
-            wrapMode: Text.Wrap
-            maximumLineCount: 4
-            elide: Text.ElideRight
-        }
-        RowLayout {
-            visible: panel.any
-            Layout.fillWidth: true
-            spacing: Theme.tight
-            ActionButton {
-                objectName: "pause"
+            columns: 6
+            columnSpacing: Theme.tight
+            rowSpacing: Theme.tight
+
+            component Do: ActionButton {
+                required property string command
+                objectName: command
                 Layout.fillWidth: true
                 Layout.preferredWidth: 1
-                visible: panel.view.status !== "paused"
-                text: qsTr("Pause")
-                why: Words.why(panel.view.pauseWhy)
-                onClicked: desk.command("pause")
+                Layout.columnSpan: panel.under ? 2 : 3
+                why: Words.why(panel.view.why[command])
+                onClicked: desk.run.command(command)
             }
-            ActionButton {
-                objectName: "resume"
-                Layout.fillWidth: true
-                Layout.preferredWidth: 1
-                visible: panel.view.status === "paused"
-                tone: "primary"
-                text: qsTr("Resume")
-                why: Words.why(panel.view.resumeWhy)
-                onClicked: desk.command("resume")
-            }
-            ActionButton {
-                objectName: "stopRun"
-                Layout.fillWidth: true
-                Layout.preferredWidth: 1
-                tone: "danger"
-                text: qsTr("End program")
-                why: Words.why(panel.view.stopWhy)
-                onClicked: desk.command("stop_run")
-            }
+            Do { command: "pause"; visible: panel.under && panel.view.status !== "paused"; text: qsTr("Pause") }
+            Do { command: "resume"; visible: panel.view.status === "paused"; tone: "primary"; text: qsTr("Resume") }
+            Do { command: "start"; visible: !panel.under; tone: "primary"; text: qsTr("Run again"); Accessible.description: why }
+            Do { command: "step"; text: qsTr("Step"); visible: panel.under }
+            Do { command: "repeat"; text: qsTr("Repeat"); visible: !panel.under; Accessible.name: qsTr("Run the last state again") }
+            Do { objectName: "stopRun"; command: "stop_run"; tone: "danger"; text: qsTr("End"); Accessible.name: qsTr("End the program"); visible: panel.under }
+            Do { command: "skip"; Layout.columnSpan: 3; text: qsTr("Skip state"); visible: panel.under && !desk.prompt.open }
+            Do { objectName: "repeatState"; Layout.columnSpan: 3; command: "repeat"; text: qsTr("Repeat state"); visible: panel.under && !desk.prompt.open }
         }
     }
 }

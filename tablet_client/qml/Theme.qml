@@ -20,6 +20,9 @@ QtObject {
     readonly property color warning: "#f0b541"
     readonly property color danger: "#ff5c52"
     readonly property color stop: "#e3261c"
+    readonly property color badGround: "#3a1315"
+    readonly property color badLine: "#8d3431"
+    readonly property color badText: "#ffb3ad"
 
     readonly property int small: Math.round(13 * scale)
     readonly property int body: Math.round(15 * scale)

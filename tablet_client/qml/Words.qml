@@ -45,6 +45,8 @@ QtObject {
             not_paused: qsTr("not paused"),
             not_running: qsTr("not running"),
             run_over: qsTr("run is over"),
+            run_under_way: qsTr("is under way"),
+            no_state: qsTr("no state at work"),
             plan_missing: qsTr("waiting for the plan"),
             stale: qsTr("plan is stale"),
             stale_executed: qsTr("was executed already"),
@@ -97,6 +99,30 @@ QtObject {
             ready: Theme.muted, running: Theme.accent, paused: Theme.warning, succeeded: Theme.good,
             failed: Theme.danger, stopped: Theme.warning,
         })[status] || Theme.faint
+    }
+
+    // What to do next, where the run does not go on by itself.
+    function advice(code) {
+        return ({
+            "": "",
+            clear_first: qsTr("Next: find out why it was stopped, clear the stop, enable the drives, then repeat the state or run it again."),
+            enable_first: qsTr("Next: enable the drives, then repeat the state that failed or run the program again."),
+            failed: qsTr("Next: see to the cause, then repeat the state that failed, tap a state to run from there, or run it again."),
+            failed_at_once: qsTr("Next: see to the cause, then run it again."),
+            stopped: qsTr("Next: run it again, or tap a state to run from there."),
+            paused: qsTr("Next: Resume goes on where it stopped; Step goes on to the next thing it does."),
+            paused_before: qsTr("Next: Resume lets it go on; Step does only what comes next; Skip leaves it out."),
+        })[code] ?? code
+    }
+
+    // How a state of the program stands.
+    function mark(code) {
+        return ({ active: qsTr("runs"), waiting: qsTr("waits"), failed: qsTr("failed"), passed: qsTr("done") })[code] || qsTr("not reached")
+    }
+
+    function lasted(seconds) {
+        return seconds >= 100 ? qsTr("%1 s").arg(Math.round(seconds))
+            : Number.isInteger(seconds) ? qsTr("%1 s").arg(seconds) : qsTr("%1 s").arg(seconds.toFixed(1))
     }
 
     function option(name) {

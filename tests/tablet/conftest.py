@@ -28,12 +28,16 @@ from handrail.messages import (
     EngineSnapshot,
     GetEngine,
     GetInstances,
+    GetOutline,
     GetPlan,
     GetRobot,
+    GetRunHistory,
     GetStatus,
     Instances,
     InstanceState,
     LoopStatistics,
+    Outline,
+    OutlineState,
     PlanPreview,
     PlanSegment,
     PointCloud,
@@ -43,7 +47,9 @@ from handrail.messages import (
     Refused,
     RobotInfo,
     RobotState,
+    RunHistory,
     RunState,
+    StateVisit,
     Stop,
 )
 from handrail.robot import library as robots
@@ -69,6 +75,7 @@ class FakeRobot:
         self.answers_plan: PlanPreview | None = None
         self.run: RunState | None = None
         self.prompts: list[Prompt] = []
+        self.visits: list[StateVisit] = []
         self._streams: list[queue.SimpleQueue[Any]] = []
         self.time_ns = 12_000_000_000
 
@@ -173,6 +180,22 @@ class FakeRobot:
         }
         return RunState(**{**fields, **changes})
 
+    def outline(self) -> Outline:
+        """The states of what it runs, as turn_valve has them."""
+        states = [
+            OutlineState(id="planning", title="Plan the first stroke", does="plan", ways=["confirm", "failed"]),
+            OutlineState(id="turning", title="Turn, stroke by stroke", ways=["failed"]),
+            OutlineState(id="confirm", parent="turning", title="Ask the operator", does="prompt", ways=["stroking"]),
+            OutlineState(
+                id="stroking", parent="turning", title="Reach in, turn, let go", does="execute", ways=["done"]
+            ),
+            OutlineState(id="done", outcome="succeeded"),
+            OutlineState(id="failed", outcome="failed"),
+        ]
+        return Outline(
+            deployment="deployment-1", program="turn_valve", title="Turn a valve", hash="3f9a1c77d20b", states=states
+        )
+
     # What a client sees ------------------------------------------------------------------------------------------------
 
     def connect(self) -> FakeClient:
@@ -217,6 +240,8 @@ class FakeRobot:
             ),
             GetInstances: lambda: Instances(instances=self.instances),
             GetPlan: lambda: self.answers_plan,
+            GetOutline: self.outline,
+            GetRunHistory: lambda: RunHistory(run=self.run.run if self.run else "", visits=self.visits),
         }
         return answers[type(call)]() if type(call) in answers else None
 

@@ -23,9 +23,14 @@ from handrail.messages import (
     PlanWorst,
     PromptClosed,
     ResumeRun,
+    Run,
+    SetAutonomy,
+    SetBreakpoints,
     StaleCause,
+    StepRun,
     Stop,
     StopRun,
+    TakeTransition,
 )
 
 pytestmark = pytest.mark.window
@@ -33,7 +38,7 @@ pytestmark = pytest.mark.window
 # Codes that the models may show, as they are in tablet_client/models.
 REASONS = [
     *("no_robot", "no_engine", "no_program", "stopped", "not_stopped", "already_enabled", "not_enabled", "sending"),
-    *("already_paused", "not_paused", "not_running", "run_over", "plan_missing", "stale"),
+    *("already_paused", "not_paused", "not_running", "run_over", "run_under_way", "no_state", "plan_missing", "stale"),
     *(f"stale_{cause}" for cause in get_args(StaleCause)),
 ]
 JOURNAL = [
@@ -186,6 +191,13 @@ def asking(robot: Any, show: Callable[..., Shown]) -> Shown:
 
 def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
     return sum((a - b) ** 2 for a, b in zip(one, other, strict=True)) ** 0.5
+
+
+def scrolled_by(item: Any) -> Any:
+    """The list that an item can be scrolled into sight in, or None."""
+    while item is not None and not item.inherits("QQuickFlickable"):
+        item = item.parentItem()
+    return item
 
 
 # --------------------------------------------------------------------------------------------------------------- answers
@@ -556,6 +568,38 @@ def test_the_task_shows_the_run_and_pauses_resumes_and_ends_it(robot, show):
     shown.until(lambda: robot.calls_of(StopRun))
 
 
+def test_a_tap_on_a_state_opens_what_can_be_done_with_it(robot, show):
+    robot.run = robot.running(status="paused", active=["turning", "confirm"], waiting=["confirm"])
+    shown = show()
+    shown.until(lambda: shown.desk.run.tree.rowCount() == 6)
+    shown.until(lambda: shown.item("state_stroking").isVisible())
+    shown.press("state_stroking")
+    shown.until(lambda: shown.desk.run.view["chosen"] == "stroking")
+    shown.desk.run.breakpoint("stroking")
+    shown.until(lambda: [call.states for call in robot.calls_of(SetBreakpoints)] == [["stroking"]])
+    robot.publish(robot.running(status="paused", active=["turning", "confirm"], breakpoints=["stroking"]))
+    shown.until(lambda: shown.item("halts_stroking").isVisible())
+    shown.press("step")
+    shown.until(lambda: robot.calls_of(StepRun))
+    shown.press("skip")
+    shown.until(lambda: [call.state for call in robot.calls_of(TakeTransition)] == ["confirm"])
+    shown.press("autonomy_low")
+    shown.until(lambda: [call.level for call in robot.calls_of(SetAutonomy)] == ["low"])
+
+
+def test_a_run_that_failed_says_so_in_red_with_what_to_do_next(robot, show):
+    robot.run = robot.running(status="failed", active=["failed"], detail="the tool met resistance")
+    shown = show()
+    shown.until(lambda: shown.item("runDetail").property("text") == "the tool met resistance")
+    assert shown.item("runDetail").property("color") == shown.words("Theme.badText")
+    assert "run it again" in shown.item("runAdvice").property("text")
+    robot.enabled = False
+    robot.publish(robot.status())
+    shown.until(lambda: "enable the drives" in shown.item("runAdvice").property("text"))
+    shown.press("start")
+    shown.until(lambda: [call.deployment for call in robot.calls_of(Run)] == ["deployment-1"])
+
+
 # ------------------------------------------------------------------------------------------------------------ connection
 
 
@@ -618,7 +662,8 @@ def test_every_control_is_large_enough_for_a_finger_and_has_a_name(asking, size)
         name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
         assert name, f"{control.objectName()} has no accessible name"
         assert min(control.width(), control.height()) >= 44, control.objectName()
-        corner = control.mapToScene(control.boundingRect().bottomRight())
+        whole = control if (scrolled := scrolled_by(control)) is None else scrolled
+        corner = whole.mapToScene(whole.boundingRect().bottomRight())
         assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
     stop = asking.item("stop")
     assert stop.mapToScene(stop.boundingRect().topRight()).x() > size[0] - 30
@@ -648,6 +693,8 @@ def test_every_code_of_the_models_has_words(show):
     shown = show()
     for code in REASONS:
         assert shown.words(f"Words.why('{code}')") != code
+    for code in ("clear_first", "enable_first", "failed", "failed_at_once", "stopped", "paused", "paused_before"):
+        assert shown.words(f"Words.advice('{code}')") != code
     for code in JOURNAL:
         assert shown.words(f"Words.entry('{code}', ['a', 'b', 'c'])") != f"{code} a b c"
 

@@ -37,6 +37,8 @@ def warm_up(kinematics: Kinematics) -> None:
         sensor.excess(robot.moved)
     if robot.stance is not None:
         robot.stance.update(kinematics.configuration(state.position), np.zeros(kinematics.model.nv))
+    for arm in kinematics.description.arms.values():
+        robot.carried(arm.tip).pull(np.zeros(3), 0.0, 0.0, 0.0, np.zeros(n))
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     for integral in (None, OuterIntegral(IntegralGains(*np.zeros((4, n))), limits.period)):
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)

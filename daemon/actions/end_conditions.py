@@ -102,15 +102,15 @@ def first_met(
                 if shares[highest] > end.share:
                     value, joint = float(shares[highest]), int(joints[highest])
             case TravelEnd():
-                here = robot.frame(end.frame).translation
-                start = places.setdefault(number, Place(here, running))
+                here = robot.carried(end.frame).translation
+                start = places.setdefault(number, Place(here.copy(), running))
                 value = beyond(distance(here - start.translation, end.axis), end.distance)
             case StallEnd():
-                here = robot.frame(end.frame).translation
-                last = places.setdefault(number, Place(here, running))
+                here = robot.carried(end.frame).translation
+                last = places.setdefault(number, Place(here.copy(), running))
                 moved = distance(here - last.translation, None)
                 if moved >= end.distance:
-                    places[number] = Place(here, running)
+                    places[number] = Place(here.copy(), running)
                 elif running - last.since >= end.within:
                     value = moved
             case GripperHoldsEnd():

@@ -18,8 +18,6 @@ PUSHED_OFF = 0.02
 """rad by which a joint that stands is elsewhere than where it came to a stand: then the command goes there first, and back"""
 _RETURN_SPEED = 0.3
 """share of the velocity limits at which that is"""
-_STANDING = 1e-6
-"""m/s: slower than this, the path has no direction of its own"""
 
 
 class PathForceIntegrator:
@@ -29,21 +27,17 @@ class PathForceIntegrator:
     does not reveal (a valve's, a drawer's) is found by pushing until the tool moves, no harder than `limit`.
     """
 
-    def __init__(self, spec: PathForce):
+    def __init__(self, spec: PathForce, joints: int):
+        """`joints`: how many the robot has."""
         self.spec = spec
         self.force = 0.0
-        self._tangent = np.zeros(3)
+        self._tangent, self._torque = np.zeros(3), np.zeros(joints)
 
     def torque(self, robot: RobotState) -> Array:
-        """N·m (n,) to add to the feed-forward in this cycle."""
-        frame = self.spec.frame
-        velocity = robot.commanded_frame_velocity(frame)
-        speed = float(np.sqrt(velocity @ velocity))
-        if speed > _STANDING:
-            self._tangent = velocity / speed
-        lag = float(self._tangent @ robot.lag(frame))
-        self.force = min(max(self.force + self.spec.gain * lag * robot.period, 0.0), self.spec.limit)
-        return robot.joint_torque(frame, self.force * self._tangent)
+        """N·m (n,) to add to the feed-forward in this cycle; the next one overwrites it."""
+        frame, gain, limit = robot.carried(self.spec.frame), self.spec.gain * robot.period, self.spec.limit
+        self.force = frame.pull(self._tangent, self.force, gain, limit, self._torque)
+        return self._torque
 
 
 class JointTrajectory(MotionController):
@@ -58,7 +52,7 @@ class JointTrajectory(MotionController):
         self.clock = DetourClock(self._path.length, period)
         self._period = period
         self._back: Excursion | None = None
-        self._force = PathForceIntegrator(motion.path_force) if motion.path_force else None
+        self._force = PathForceIntegrator(motion.path_force, len(gains.stiffness)) if motion.path_force else None
         self._position, self._velocity = np.zeros(len(motion.joints)), np.zeros(len(motion.joints))
         self._lead = np.zeros(len(motion.joints))
         self._lean = np.zeros(len(motion.joints))

@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from daemon.state.base_state import BaseSource, BaseState, Trouble
+from daemon.state.carried import CarriedFrame
 from daemon.state.estimator import BaseEstimator, can_estimate
 from daemon.state.invariant_filter import GRAVITY
 from daemon.state.observer import ExternalWrenches
@@ -90,6 +91,9 @@ class RobotState:
         self._q_command, self._v_command = np.zeros(self._model.nq), np.zeros(self._model.nv)
         self._last = JointCommand(len(joints))
         self._measured_fresh = self._commanded_fresh = self._gravity_fresh = False
+        self._carried: dict[str, CarriedFrame] = {}
+        self._followed: set[str] = set()
+        """those of them that were looked at in this cycle"""
 
     def update(self, last: JointCommand) -> None:
         """Take the joints as measured now into the model. `last`: what was commanded in the cycle before, and frames then tell."""
@@ -97,6 +101,7 @@ class RobotState:
         self._q[self._rows] = self.joints.position
         self._v[self._rows] = self.joints.velocity
         self._measured_fresh = self._commanded_fresh = self._gravity_fresh = False
+        self._followed.clear()
 
     @property
     def gravity(self) -> Array:
@@ -137,25 +142,24 @@ class RobotState:
         position, holding = self._devices.values[row, [0, 5]].tolist()
         return Hand(position, holding > 0.5, int(self._devices.age[row]))
 
+    def carried(self, name: str) -> CarriedFrame:
+        """A frame as it is commanded and as it is measured to be; the next cycle overwrites it."""
+        if name in self._followed:
+            return self._carried[name]
+        if (carried := self._carried.get(name)) is None:
+            carried = CarriedFrame(self._model, self._rows, self.kinematics.frame_id(name))
+            self._carried[name] = carried
+        carried.follow(self._last.table, self.joints.table)
+        self._followed.add(name)
+        return carried
+
     def lag(self, name: str) -> Array:
         """(3,) m: a frame's commanded minus its measured position."""
-        frame = self.kinematics.frame_id(name)
-        commanded = pin.updateFramePlacement(self._model, self._commanded_pass(), frame).translation
-        return commanded - pin.updateFramePlacement(self._model, self._measured_pass(), frame).translation
-
-    def commanded_frame_velocity(self, name: str) -> Array:
-        """Linear velocity (3,) m/s of a frame's origin, world axes, as commanded."""
-        frame = self.kinematics.frame_id(name)
-        motion = pin.getFrameVelocity(self._model, self._commanded_pass(), frame, pin.LOCAL_WORLD_ALIGNED)
-        return motion.linear.copy()
+        return self.carried(name).lag
 
     def jacobian(self, name: str) -> Array:
         """(6, n): linear and angular velocity of a frame's origin, world axes, per joint velocity, where it is measured."""
         return self._model_jacobian(name)[:, self._rows]
-
-    def joint_torque(self, name: str, force: Array) -> Array:
-        """Jᵀ F, N·m (n,): joint torques that make a force (3,) N, world axes, at a frame's origin."""
-        return (force @ self._model_jacobian(name)[:3])[self._rows]
 
     def estimate_forces(self, frames: Collection[str]) -> None:
         """Update `wrenches`: for each of `frames`, what something outside exerts there.

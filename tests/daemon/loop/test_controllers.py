@@ -99,10 +99,10 @@ def test_the_path_force_grows_with_the_lag_up_to_its_limit_and_never_pulls_back(
     commanded.velocity[joint] = 0.4
     commanded.position[joint] += 0.02
     robot.update(commanded)
-    force = PathForceIntegrator(PathForce(frame=TIP, gain=1500.0, limit=20.0))
+    force = PathForceIntegrator(PathForce(frame=TIP, gain=1500.0, limit=20.0), len(robot.joints))
     force.torque(robot)
-    direction = robot.commanded_frame_velocity(TIP)
-    direction /= np.linalg.norm(direction)
+    velocity = robot.carried(TIP).velocity
+    direction = velocity / np.linalg.norm(velocity)
     assert force.force == pytest.approx(1500.0 * float(direction @ robot.lag(TIP)) * 0.002)
     assert force.force > 0.0
     torque = force.torque(robot)

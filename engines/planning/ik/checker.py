@@ -38,6 +38,8 @@ class Checker:
         self._mechanism = mechanism
         self._data = mechanism.model.createData()
         self._scratch: WeakKeyDictionary[World, pin.GeometryData] = WeakKeyDictionary()
+        self._low, self._high = mechanism.lower[mechanism.v_rows], mechanism.upper[mechanism.v_rows]
+        self._said: WeakKeyDictionary[Constraint, pin.SE3] = WeakKeyDictionary()
 
     def violations(self, constraints: Sequence[Constraint], q: Array) -> tuple[Measure, ...]:
         """What is missed by more than is tolerated, worst first; joint limits are always checked."""
@@ -57,26 +59,24 @@ class Checker:
         return pin.updateFramePlacement(self._mechanism.model, self._data, self._mechanism.frame_id(name))
 
     def _limits(self, q: Array) -> Iterator[Measure]:
-        mechanism = self._mechanism
-        low, high = mechanism.lower[mechanism.v_rows], mechanism.upper[mechanism.v_rows]
+        mechanism, low, high = self._mechanism, self._low, self._high
         x = q[mechanism.q_rows]
-        for k in np.flatnonzero((x < low) | (x > high)):
+        for k in ((x < low) | (x > high)).nonzero()[0]:
             unit = mechanism.unit_of(int(mechanism.v_rows[k]))
             yield Measure("joint limits", mechanism.joints[k], float(x[k]), float(low[k]), float(high[k]), unit)
 
     def _measure(self, constraint: Constraint, q: Array) -> Iterator[Measure]:
         match constraint:
             case kinds.Position():
-                box = self._box(constraint.in_frame, constraint.box)
-                yield from self._position(constraint, constraint.point, box)
+                seen = self._seen(constraint, constraint.box)
+                yield from self._position(constraint, seen.act(np.array(constraint.point)).tolist())
             case kinds.Orientation():
-                x, y, z, w = constraint.target
-                target = self._frame(constraint.in_frame).rotation @ pin.Quaternion(w, x, y, z).normalized().matrix()
-                yield self._orientation(constraint, target)
+                seen = self._seen(constraint, PoseMessage(orientation=constraint.target))
+                yield self._orientation(constraint, seen.rotation.tolist())
             case kinds.Pose():
-                box = self._box(constraint.in_frame, constraint.target)
-                yield from self._position(constraint, (0.0, 0.0, 0.0), box)
-                yield self._orientation(constraint, box.rotation)
+                *turn_and_place, _ = self._seen(constraint, constraint.target).homogeneous.tolist()
+                yield from self._position(constraint, [row[3] for row in turn_and_place])
+                yield self._orientation(constraint, turn_and_place)
             case kinds.Direction():
                 axis = self._frame(constraint.frame).rotation @ constraint.axis
                 direction = self._frame(constraint.in_frame).rotation @ constraint.direction
@@ -94,11 +94,13 @@ class Checker:
                 apart = float(np.linalg.norm(one - other))
                 yield Measure(constraint.label, "distance", apart, constraint.lower, constraint.upper, "m")
             case kinds.CentreOfMass():
-                com = self._frame(constraint.in_frame).actInv(pin.centerOfMass(self._mechanism.model, self._data, q))
+                com = self._frame(constraint.in_frame).actInv(
+                    pin.centerOfMass(self._mechanism.model, self._data, pin.POSITION, False)
+                )
                 for axis, lower, upper, value in zip(_AXES, constraint.lower, constraint.upper, com, strict=True):
                     yield Measure(constraint.label, axis, float(value), lower, upper, "m")
             case kinds.Balance():
-                yield self._balance(constraint, q)
+                yield self._balance(constraint)
             case kinds.Posture():
                 rows = [self._mechanism.row(joint) for joint in constraint.coefficients]
                 factors = np.array(list(constraint.coefficients.values()))
@@ -121,30 +123,36 @@ class Checker:
             case _:
                 raise TypeError(f"got {type(constraint).__name__}; expected one of engines.planning.ik.constraints")
 
-    def _box(self, frame: str, pose: PoseMessage) -> pin.SE3:
-        return self._frame(frame) * placement_of(pose)
+    def _seen(self, c: kinds.Position | kinds.Orientation | kinds.Pose, pose: PoseMessage) -> pin.SE3:
+        """A constraint's frame, seen from the pose that it says, which is worked out once: a way has many configurations."""
+        if (said := self._said.get(c)) is None:
+            said = self._said[c] = placement_of(pose)
+        wanted = self._frame(c.in_frame) * said if c.in_frame else said
+        return wanted.actInv(self._frame(c.frame))
 
-    def _position(self, c: kinds.Position | kinds.Pose, point: kinds.Vector, box: pin.SE3) -> Iterator[Measure]:
-        frame = self._frame(c.frame)
-        found = box.actInv(frame.act(np.array(point)) if any(point) else frame.translation).tolist()
+    def _position(self, c: kinds.Position | kinds.Pose, found: list[float]) -> Iterator[Measure]:
+        label = c.label
         for axis, lower, upper, value in zip(_AXES, c.lower, c.upper, found, strict=True):
-            if lower > -np.inf or upper < np.inf:
-                yield Measure(c.label, axis, value, lower, upper, "m")
+            if lower > -math.inf or upper < math.inf:
+                yield Measure(label, axis, value, lower, upper, "m")
 
-    def _orientation(self, c: kinds.Orientation | kinds.Pose, target: Array) -> Measure:
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (target.T @ self._frame(c.frame).rotation).tolist()
+    def _orientation(self, c: kinds.Orientation | kinds.Pose, turn: list[list[float]]) -> Measure:
+        (xx, xy, xz, *_), (yx, yy, yz, *_), (zx, zy, zz, *_) = turn
         sine = math.sqrt((zy - yz) ** 2 + (xz - zx) ** 2 + (yx - xy) ** 2)
         return Measure(c.label, "angle", math.atan2(sine, xx + yy + zz - 1.0), 0.0, c.angle, "rad")
 
-    def _balance(self, c: kinds.Balance, q: Array) -> Measure:
+    def _balance(self, c: kinds.Balance) -> Measure:
         corners = c.still
         if corners is None:
             points = [self._frame(name).act(np.array(one)) for name, many in c.contacts.items() for one in many]
             corners = hull(np.array(points)[:, :2])[0]
-        ahead = np.roll(corners, -1, axis=0) - corners
-        away = pin.centerOfMass(self._mechanism.model, self._data, q)[:2] - corners
-        margins = (ahead[:, 0] * away[:, 1] - ahead[:, 1] * away[:, 0]) / np.hypot(ahead[:, 0], ahead[:, 1])
-        return Measure(c.label, "margin of the centre of mass", float(margins.min()), c.margin, np.inf, "m")
+        x, y, _ = pin.centerOfMass(self._mechanism.model, self._data, pin.POSITION, False).tolist()
+        starts = corners.tolist()
+        margins = [
+            ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / math.hypot(bx - ax, by - ay)
+            for (ax, ay), (bx, by) in zip(starts, starts[1:] + starts[:1], strict=True)
+        ]
+        return Measure(c.label, "margin of the centre of mass", min(margins), c.margin, np.inf, "m")
 
     def _clearance(self, c: kinds.Clearance) -> Measure:
         scene = c.scene

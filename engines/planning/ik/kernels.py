@@ -355,6 +355,34 @@ def program(
 
 
 @compiled(error_model="numpy")
+def block(
+    value: Array, lower: Array, upper: Array, weight: Array, rows: Array, count: int, change: Array, matrix: Array,
+    first: int, column: int, below: Array, above: Array, size: int,
+) -> float:  # fmt: skip
+    """One knot's rows (count, n) times their weight, as rows of a trajectory's matrix from `first` on and columns from `column` on.
+
+    `change` (b, b) turns the first b columns' velocities into what they are there; bounds go behind those of the `size` columns.
+    Returns the sum of the squares of what bounds are missed by, times weight.
+    """
+    n, b, total = rows.shape[1], change.shape[0], 0.0
+    for r in range(count):
+        w, here = weight[r], first + r
+        total += (w * max(lower[r] - value[r], value[r] - upper[r], 0.0)) ** 2
+        below[size + here] = w * (lower[r] - value[r])
+        above[size + here] = w * (upper[r] - value[r])
+        for c in range(matrix.shape[1]):
+            matrix[here, c] = 0.0
+        for c in range(b):
+            entry = 0.0
+            for k in range(b):
+                entry += rows[r, k] * change[k, c]
+            matrix[here, column + c] = w * entry
+        for c in range(b, n):
+            matrix[here, column + c] = w * rows[r, c]
+    return total
+
+
+@compiled(error_model="numpy")
 def near_pairs(
     placement: Array, centres: Array, radii: Array, pairs: Integers, reach: float, balls: Array, found: Integers
 ) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from engines.planning.ik import kernels
 from engines.planning.ik.checker import ANGLE, LENGTH
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.mechanism import Mechanism
@@ -23,7 +24,7 @@ from engines.planning.ik.rows import Rows
 from engines.planning.ik.solver import Solver
 from engines.planning.ik.spline import Spline
 from engines.planning.ik.sqp import INEQUALITY, Program, Settings, descend
-from engines.planning.ik.table import table_of
+from engines.planning.ik.table import Table, table_of
 from engines.planning.plan import Infeasible
 from engines.planning.waiting import go_on, never
 
@@ -32,6 +33,7 @@ Integers = NDArray[np.int64]
 
 DENSITY = 10
 """samples of the checker for each stretch between knots"""
+_NO_BASE = np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ class TrajectorySolver:
             active = [c for c in constraints if c.window[0] <= time <= c.window[1]]
             slack = 1.0 if time in knots else between
             for m in self._solver.checker.measures(active, q):
-                if m.by > slack * (ANGLE if m.unit == "rad" else LENGTH):
+                if not m.by <= slack * (ANGLE if m.unit == "rad" else LENGTH):  # not finite: missed
                     key = (m.constraint, m.what)
                     if key not in worst or m.by > worst[key].measure.by:
                         worst[key] = Missed(time, m)
@@ -213,7 +215,7 @@ class TrajectoryProblem:
     ):  # fmt: skip
         mechanism = solver.mechanism
         self._model, self._start, self._columns, self._nv = mechanism.model, start, columns, mechanism.nv
-        self._base = mechanism.base and bool((columns < mechanism.base).any())
+        self._base = mechanism.base if (columns < mechanism.base).any() else 0
         n, free = len(columns), len(times) - 1
         spline, (velocity, acceleration) = Spline(times), weighting
         over = np.eye(len(times)) + velocity * spline.velocity.T @ spline.velocity
@@ -227,11 +229,15 @@ class TrajectoryProblem:
         low, high = np.full((free, mechanism.nv), -np.inf), np.full((free, mechanism.nv), np.inf)
         at = np.zeros(mechanism.nv)
         at[mechanism.v_rows] = start[mechanism.q_rows]
+        shared: dict[tuple[int, ...], tuple[Table, Rows]] = {}
         for knot, time in enumerate(times[1:].tolist()):
-            active = [c for c in constraints if c.window[0] <= time <= c.window[1]]
-            table = table_of(mechanism, active, start)
+            numbers = tuple(number for number, c in enumerate(constraints) if c.window[0] <= time <= c.window[1])
+            if numbers not in shared:  # knots at which the same holds take turns with one set of rows
+                table = table_of(mechanism, [constraints[number] for number in numbers], start)
+                shared[numbers] = table, solver.rows(table, columns)
+            table, rows = shared[numbers]
             low[knot], high[knot] = table.low - at, table.high - at
-            self._rows.append(solver.rows(table, columns))
+            self._rows.append(rows)
         self._low, self._high = low[:, columns].ravel(), high[:, columns].ravel()
         size, most = free * n, sum(rows.most for rows in self._rows)
         self._matrix = np.zeros((most, size))
@@ -250,21 +256,13 @@ class TrajectoryProblem:
         total, first = 0.0, 0
         for knot, (rows, away) in enumerate(zip(self._rows, self.away(point)[1:], strict=True)):
             m = rows.at(pin.integrate(self._model, self._start, away))
-            jacobian = rows.matrix[:m]
-            if self._base:  # rows are by velocities, knots are tangent vectors at the start
-                change = pin.dIntegrate(self._model, self._start, away, pin.ARG1)[np.ix_(self._columns, self._columns)]
-                jacobian = jacobian @ change
-            weight, value = rows.weight[:m], rows.value[:m]
-            here = slice(first, first + m)
-            self._matrix[here] = 0.0
-            self._matrix[here, knot * n : (knot + 1) * n] = weight[:, None] * jacobian
-            there = slice(size + first, size + first + m)
-            self._below[there], self._above[there] = (
-                weight * (rows.lower[:m] - value),
-                weight * (rows.upper[:m] - value),
-            )
-            self._kinds[there] = rows.kinds[:m]
-            total += float((np.maximum(np.maximum(self._below[there], -self._above[there]), 0.0) ** 2).sum())
+            # Rows are by velocities, knots are tangent vectors at the start: for a base that turns not the same.
+            change = pin.Jexp6(pin.Motion(away[: self._base])) if self._base else _NO_BASE
+            total += kernels.block(
+                rows.value, rows.lower, rows.upper, rows.weight, rows.matrix, m, change, self._matrix, first, knot * n,
+                self._below, self._above, size,
+            )  # fmt: skip
+            self._kinds[size + first : size + first + m] = rows.kinds[:m]
             first += m
         self._below[:size] = np.maximum(-trust, np.minimum(self._low - point, 0.0))
         self._above[:size] = np.minimum(trust, np.maximum(self._high - point, 0.0))

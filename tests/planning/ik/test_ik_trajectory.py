@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Balance, Direction, Pose, Position
 from engines.planning.ik.spline import Spline
-from engines.planning.ik.trajectory import TrajectorySolver
+from engines.planning.ik.trajectory import TrajectoryProblem, TrajectorySolver
 from engines.planning.plan import Infeasible
 from engines.planning.waiting import Cancelled
 
@@ -58,6 +58,33 @@ def test_a_humanoid_reaches_with_its_feet_still_and_its_weight_over_them_all_the
     numeric = (found.at(when + 1e-5)[:, rows] - found.at(when - 1e-5)[:, rows])[1:-1] / 2e-5
     assert np.allclose(found.velocities(when)[1:-1], numeric, atol=1e-5)
     assert np.abs(found.velocities(np.array([0.0, 2.0]))).max() < 1e-12
+
+
+def test_a_steps_rows_are_how_much_nearer_each_knots_bounds_come_for_a_base_that_has_turned_too(
+    whole_body, humanoid, standing, placed, message
+):
+    feet = [Pose(frame=foot, target=message(placed(humanoid, standing, foot))) for foot in FEET]
+    once = Position.at(HAND, (0.3, -0.2, 0.9), window=(1.0, 1.0))
+    columns = np.arange(humanoid.nv)
+    problem = TrajectoryProblem(
+        whole_body,
+        [*feet, once],
+        standing,
+        np.array([0.0, 0.5, 1.0]),
+        standing,
+        np.ones(humanoid.nv),
+        columns,
+        (0.1, 0.1),
+    )
+
+    def below(point):
+        return problem.linearise(point, 1.0).below[len(point) :].copy()
+
+    point = np.random.default_rng(5).uniform(-0.3, 0.3, 2 * humanoid.nv)
+    matrix = problem.linearise(point, 1.0).matrix.copy()
+    numeric = [(below(point - 1e-6 * one) - below(point + 1e-6 * one)) / 2e-6 for one in np.eye(len(point))]
+    assert matrix.shape == (2 * 12 + 3, len(point))
+    assert np.allclose(matrix, np.transpose(numeric), atol=1e-6)
 
 
 def test_a_constraint_holds_in_its_window_and_not_outside(trajectories, upper, ready, placed):

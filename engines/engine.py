@@ -49,7 +49,7 @@ from engines.runs.jog import JogExecution
 from engines.runs.journal import RunJournal
 from engines.runs.plan_execution import PlanExecution
 from engines.runs.prompts import Prompts
-from engines.runs.run import ProgramRun, Start
+from engines.runs.run import LINK_CUT, ProgramRun, Start
 from engines.service import DeferringService, Wake
 from engines.shared_instances import SharedInstances
 from engines.tip_poses import TipPose, tip_poses
@@ -81,9 +81,11 @@ class Engine:
         *,
         name: str = FIRST,
         code: Path | None = None,
+        away: bool = False,
     ):
         """`name`: what it is called; all but the first share the instances of that one. `code`: where deployed code is kept;
-        None: in the runtime folder, as long as that is there. Raises HeldElsewhere where an engine of that name runs.
+        None: in the runtime folder, as long as that is there. `away`: beyond a link, which may be cut: then runs pause.
+        Raises HeldElsewhere where an engine of that name runs.
         """
         self._name, first = name, name == FIRST
         self._held = ExitStack()
@@ -136,6 +138,7 @@ class Engine:
             log=self._log,
             clouds=self._sight.clouds,
             nodes=NodeKeeper(self._tell, self._log),
+            outlasts=LINK_CUT if away else frozenset(),
         )
         book = location()
         self._learner = Learner(description.name, RunBook(book) if book else None, affordances.instances)
@@ -601,6 +604,12 @@ def main(arguments: list[str] | None = None) -> int:
     except HeldElsewhere as held:
         print(f"an engine {name} runs in {runtime.folder} already (process {held.process})", file=sys.stderr)
         return 2
+    serve(engine, name)
+    return 0
+
+
+def serve(engine: Engine, name: str) -> None:
+    """Run it until SIGTERM or SIGINT, having said that it is ready, and free it."""
     # A signal that comes just before the poll begins would be handled only after it: its arrival must end the poll, too.
     signal.set_wakeup_fd(engine.wake_fd, warn_on_full_buffer=False)
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -608,7 +617,6 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{name} ready", flush=True)
     engine.serve()
     engine.close()
-    return 0
 
 
 if __name__ == "__main__":

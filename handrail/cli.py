@@ -37,6 +37,7 @@ _VERBS = {
     "jog": "Move one joint: jog JOINT +5deg, or jog JOINT to 0.3.",
     "home": "Bring the robot that is up to one of its postures, planned clear of everything.",
     "program": "Check or run a program of the library.",
+    "engine": "Run an engine on another machine than the robot, through its link.",
     "deploy": "Bring a program, with all that it needs, to an engine of the robot that is up.",
     "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
     "watch": "Events of the robot that is up: which, which of their fields, how often.",

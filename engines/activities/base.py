@@ -167,6 +167,8 @@ class Services:
     clouds: Callable[[], Sequence[PointCloud]] = tuple
     """the newest of each camera"""
     nodes: NodeKeeper = field(default_factory=NodeKeeper)
+    outlasts: frozenset[str] = frozenset()
+    """reasons of failures that a run waits out, paused, in place of telling its program"""
 
     def tip(self, position: np.ndarray, arm: str) -> np.ndarray:
         """(3,) m: an arm's tool tip in the world at joint positions (n,) rad."""

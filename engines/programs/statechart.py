@@ -65,6 +65,7 @@ class Chart(Interpreter):
         ask: Callable[[Question], None] | None = None,
         withdraw: Callable[[str], None] = lambda state: None,
         start_at: Iterable[str] = (),
+        outlasts: frozenset[str] = frozenset(),
     ):
         """`make` makes a state's activity when it is entered.
 
@@ -75,12 +76,14 @@ class Chart(Interpreter):
         :param ask: told of ways out that the operator is to be asked about first; None: he is not
         :param withdraw: told of each state that was left, so that nothing is asked about it any more
         :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
+        :param outlasts: reasons of failures that the program does not hear of: the gate closes, and the activity begins anew
         :raises ValueError: no such state, or states that can't be active together
         """
         evaluator = ProgramEvaluator()
         super().__init__(reader=YAMLReader(), evaluator=evaluator)
         self.program, self._make, self._history = program, make, history
         self.gate, self._clock = gate or RunGate(lambda why: None), clock or RunClock()
+        self.outlasts = outlasts
         self._ask, self._withdraw, self._event = ask, withdraw, Event("")
         self._timeouts: dict[str, list[Callable[[], None]]] = {}
         self._visits: dict[str, threading.Event] = {}
@@ -336,14 +339,13 @@ class _ActivityInvoker:
     def _outcome(self, ctx: InvokeContext) -> Event:
         source = self._state.id
         try:
-            if not self._chart.admit(self._state, ctx.cancelled):
-                raise ActivityFailed("cancelled", f"{source} was left before it began")
-            activity = self._chart.make_activity(self._state)
-            with self._lock:
-                self._running[ctx.cancelled] = activity
-            if ctx.cancelled.is_set():
-                activity.cancel()
-            return Event(f"done.invoke.{source}", activity.run())
+            while True:
+                try:
+                    return Event(f"done.invoke.{source}", self._carry_out(ctx))
+                except ActivityFailed as failed:
+                    if failed.reason not in self._chart.outlasts or ctx.cancelled.is_set():
+                        raise
+                    self._chart.gate.shut(f"{failed}; {source} begins anew when the run goes on")
         except ActivityFailed as failed:
             return self._chart.failure(self._state, failed.reason, str(failed))
         except Exception as crash:  # noqa: BLE001
@@ -354,6 +356,17 @@ class _ActivityInvoker:
         finally:
             with self._lock:
                 del self._running[ctx.cancelled]
+
+    def _carry_out(self, ctx: InvokeContext) -> dict[str, Any]:
+        """Do the activity, once it may begin; its outputs. Raises ActivityFailed."""
+        if not self._chart.admit(self._state, ctx.cancelled):
+            raise ActivityFailed("cancelled", f"{self._state.id} was left before it began")
+        activity = self._chart.make_activity(self._state)
+        with self._lock:
+            self._running[ctx.cancelled] = activity
+        if ctx.cancelled.is_set():
+            activity.cancel()
+        return activity.run()
 
     def on_cancel(self) -> None:
         """Called by the driving thread after the state was left."""

@@ -48,6 +48,14 @@ class RunGate:
         with self._changed:
             self._open = self._stepping = False
 
+    def shut(self, why: str) -> None:
+        """No activity begins any more, since one has found out why none should."""
+        with self._changed:
+            if not self._open:
+                return
+            self._open = self._stepping = False
+        self._waits(why)
+
     def open(self, *, one_step: bool = False) -> None:
         """Let those go on that wait, and those that come; `one_step`: the next that comes closes the gate again."""
         with self._changed:

@@ -34,6 +34,8 @@ _SETTLE_S = 3.0
 """wall time that a run waits for its cancelled motion to stand, before it says that it has ended"""
 HOLD_S = 30.0
 """wall time for which simulated time waits at most, while a program computes (lock-step)"""
+LINK_CUT = frozenset({"daemon_lost", "owner_lost"})
+"""reasons of failures that an engine on another machine has when its link is cut"""
 _log = logging.getLogger(__name__)
 
 
@@ -96,6 +98,7 @@ class ProgramRun:
             ask=self._permissions.ask,
             withdraw=self._permissions.withdraw,
             start_at=self._start.states,
+            outlasts=services.outlasts,
         )
         self._chart.set_autonomy(autonomy)
         self._lock = threading.RLock()

@@ -24,6 +24,8 @@ from handrail.messages import (
     Answer,
     AwaitPlan,
     BindKeepalive,
+    CancelAction,
+    CheckIn,
     CheckTask,
     CommandGripper,
     DaemonCall,
@@ -34,26 +36,40 @@ from handrail.messages import (
     Enable,
     EngineCall,
     EngineEvent,
+    EngineSays,
     ExecutePlan,
     GetChallenge,
     GetReach,
+    GuestCall,
+    HoldTime,
+    InstanceState,
     Jog,
     KeepAlive,
     MakePlan,
     Message,
+    PauseAction,
     PlanMotion,
     PutBundle,
     PutNode,
     RankChoices,
     ReleaseKeepalive,
+    ReleaseTime,
     ReloadNode,
+    ResumeAction,
+    ReturnLease,
     RollBack,
     Run,
     RunFrom,
     SensorEvent,
+    SetJoint,
     SetSpeed,
+    StartAction,
+    StartBehaviour,
     StartNode,
     Stop,
+    StreamJoints,
+    StreamPose,
+    TakeLease,
     spec,
 )
 
@@ -83,17 +99,30 @@ def _remote(*unions: Any) -> tuple[type, ...]:
 
 DAEMON_CALLS = _remote(DaemonCall)
 ENGINE_CALLS = _remote(EngineCall)
-REMOTE_CALL: Any = functools.reduce(operator.or_, DAEMON_CALLS + ENGINE_CALLS)
+GUEST_CALLS = _remote(GuestCall)
+"""how an engine on another machine is there (`handrail.link.guests`)"""
+REMOTE_CALL: Any = functools.reduce(operator.or_, DAEMON_CALLS + ENGINE_CALLS + GUEST_CALLS)
 """union of the calls that the link takes"""
+COMMANDS = (
+    *(StartAction, StartBehaviour, StreamPose, StreamJoints, CancelAction, PauseAction, ResumeAction),
+    *(CheckIn, TakeLease, ReturnLease, HoldTime, ReleaseTime),
+)
+"""calls of engines to the daemon, which the link takes from keys of engines, too"""
+REMOTE_CALL_OF_ENGINES: Any = functools.reduce(operator.or_, (SetJoint, *COMMANDS), REMOTE_CALL)
+"""union of the calls that the link takes from keys of engines"""
 REMOTE_EVENTS = {kind.__name__: kind for kind in _remote(DaemonEvent, EngineEvent, SensorEvent)}
 """name → type of the events that the link carries"""
+GUEST_EVENTS = {
+    name: kind for name, kind in REMOTE_EVENTS.items() if kind in get_args(EngineEvent) and kind is not InstanceState
+}
+"""those that an engine on another machine may tell: instances are the first engine's"""
 REMOTE_ANSWER: Any = Answer | NoAnswer
 
 CODE = (PutBundle, RollBack, ReloadNode)
 """calls that change which code runs on the robot: a developer's. StartNode is none: it runs what the library has"""
 SIGNED = (PutBundle, RollBack, CommandGripper, BindKeepalive, GetChallenge, KeepAlive, ReleaseKeepalive, SetSpeed)
 """calls on which the gate writes whose key they came with (`by`), and what that may do (`role`)"""
-RAW = (PutBundle,)
+RAW = (PutBundle, EngineSays)
 """calls that carry bytes, and no value of any kind that a client likes"""
 
 _TIMEOUTS_S: dict[type, float] = {

@@ -31,11 +31,13 @@ from handrail.engines import FIRST, running
 from handrail.engines import of as engine_of
 from handrail.link import codec, keys, selections
 from handrail.link.backend import Backend, Gone
+from handrail.link.guests import Guests, check_owner
 from handrail.link.selections import Selections
 from handrail.link.streams import LatestValues
 from handrail.messages import EngineInfo, Engines, GetEngines, Ok, Refused, Stop, spec
 from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, stop_now
+from handrail.topics import RefusedError
 
 _log = logging.getLogger("handrail.link")
 
@@ -102,7 +104,9 @@ class Gate:
         self._engines = {FIRST: self._backend(FIRST)}
         """those that are known to be there, and the first one"""
         self._inside = self._context.socket(zmq.SUB)
+        self._guests = Guests(runtime, self._context)
         self._unpacker = codec.Unpacker(codec.REMOTE_CALL, codec.LARGEST_CALL)
+        self._unpacker_of_engines = codec.Unpacker(codec.REMOTE_CALL_OF_ENGINES, codec.LARGEST_CALL)
         self._packer = codec.Packer()
         self._encoder = msgspec.msgpack.Encoder()
         self._latest = LatestValues(_DAEMON_SILENT_S)
@@ -146,19 +150,23 @@ class Gate:
                 asyncio.create_task(self._send_latest()),
                 asyncio.create_task(self._watch_engines()),
                 asyncio.create_task(self._send_held_back()),
+                asyncio.create_task(self._guests.watch()),
             ]
             if ready:
                 ready.set()
             finished = asyncio.create_task(until.wait())
             done, _ = await asyncio.wait({*work, finished}, return_when=asyncio.FIRST_COMPLETED)
-            for task in (*work, finished, *self._tasks):
+            open_calls = list(self._tasks)
+            for task in (*work, finished, *open_calls):
                 task.cancel()
+            await asyncio.gather(*open_calls, return_exceptions=True)
             for task in done:
                 if task is not finished:
                     task.result()
         finally:
             self._authenticator.stop()
             self._daemon.close()
+            self._guests.close()
             for engine in self._engines.values():
                 engine.close()
             self._context.destroy(linger=0)
@@ -172,7 +180,7 @@ class Gate:
                 continue  # not even the number to answer to
             identity, number, payload = (frame.bytes for frame in frames)
             try:
-                message = self._unpacker.unpack(payload)
+                message = self._unpack(payload, _key(frames[-1]))
                 if not isinstance(message, codec.RAW):
                     codec.check_plain(message)
             except codec.Malformed as problem:
@@ -197,6 +205,19 @@ class Gate:
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
+    def _unpack(self, payload: bytes, key: bytes) -> Any:
+        """The call. Raises Malformed, for what this key may not say, too."""
+        try:
+            return self._unpacker.unpack(payload)
+        except codec.Malformed:
+            if self._role_of(key) != "engine":
+                raise
+        return self._unpacker_of_engines.unpack(payload)
+
+    def _role_of(self, key: bytes) -> str:
+        who = self._keys.identity_of(key)
+        return who.role if who else "none"
+
     async def _carry_out(self, identity: bytes, number: bytes, message: Any, key: bytes) -> None:
         try:
             if isinstance(message, Stop):
@@ -207,12 +228,17 @@ class Gate:
                 if who is None or who.role != "developer":
                     await self._answer(identity, number, _no_code(message, who, key))
                     return
+            if isinstance(message, codec.COMMANDS):
+                check_owner(message, self._name_of(key))
+            if isinstance(message, codec.GUEST_CALLS):
+                await self._answer(identity, number, await self._guest(message, key) or Ok())
+                return
             message = self._signed(message, key)
             if isinstance(message, GetEngines) and not message.engine:
                 await self._answer(identity, number, Engines(engines=await self._all_engines()))
                 return
             backend = self._daemon
-            if not isinstance(message, codec.DAEMON_CALLS):
+            if not isinstance(message, codec.DAEMON_CALLS + codec.COMMANDS):
                 engine = engine_of(message)
                 if engine not in self._engines:
                     known = ", ".join(self._engines)
@@ -225,10 +251,19 @@ class Gate:
                 await self._answer(identity, number, codec.NoAnswer(message=f"{type(message).__name__}: {problem}"))
             else:
                 await self._calls.send_multipart((identity, number, self._packer.pack_encoded(answer)))
+        except RefusedError as refused:
+            await self._answer(identity, number, refused.refusal)
         finally:
             self._in_flight[identity] -= 1
             if not self._in_flight[identity]:
                 del self._in_flight[identity]
+
+    async def _guest(self, message: Any, key: bytes) -> msgspec.Struct | None:
+        """The answer to an engine on another machine. Raises RefusedError."""
+        who = self._keys.identity_of(key)
+        if who is None or who.role != "engine":
+            raise RefusedError(_no_engines_key(who))
+        return await self._guests.answer(message, who.name)
 
     def _signed(self, message: Any, key: bytes) -> Any:
         """The call with the name and the role that its key has here, whatever it says of itself."""
@@ -418,6 +453,19 @@ def _no_code(message: Any, who: keys.Identity | None, key: bytes) -> Refused:
         field="role",
         value=role,
         expected="developer",
+    )
+
+
+def _no_engines_key(who: keys.Identity | None) -> Refused:
+    """Why this one is no engine."""
+    name, role = (who.name, who.role) if who else ("nobody", "none: it is not allowed in any more")
+    where = "allowed/developers" if role == "developer" else "allowed"
+    return Refused(
+        message=f"engines come with keys of their own: {name}'s key has the role {role}; on the robot, move {where}/{name}.key to "
+        "allowed/engines/ENGINE.key where that is right",
+        field="role",
+        value=role,
+        expected="engine",
     )
 
 

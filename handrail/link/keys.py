@@ -7,8 +7,9 @@ One folder holds them, ``$HANDRAIL_KEYS`` or ``handrail/keys`` under ``$XDG_CONF
     client.key          this user's public key
     client.key_secret   this user's secret key      never leaves the client
     allowed/*.key       public keys that the robot lets in, one file a client; the file's name is the client's name.
-                        They are operators'; those in allowed/developers/ may also bring code. This folder's own client.key
-                        is a developer's wherever it lies
+                        They are operators'; those in allowed/developers/ may also bring code, those in allowed/engines/ are
+                        other machines' engines, which may command the robot. This folder's own client.key is a developer's
+                        wherever it lies
 
 The first run on a machine makes all of them, with this user's client allowed. To let another machine in, copy its
 ``client.key`` to the robot as ``allowed/NAME.key`` and the robot's ``server.key`` to it; the gate reads ``allowed`` at every
@@ -29,8 +30,8 @@ import zmq.auth
 
 _ALLOWED = "allowed"
 
-Role = Literal["operator", "developer"]
-_ROLES: dict[str, Role] = {"": "operator", "developers": "developer"}
+Role = Literal["operator", "developer", "engine"]
+_ROLES: dict[str, Role] = {"": "operator", "developers": "developer", "engines": "engine"}
 """folder below `allowed` → what those in it are"""
 
 
@@ -71,7 +72,7 @@ class GateKeys:
         return None if identity is None else identity.name
 
     def identity_of(self, client: bytes) -> Identity | None:
-        """Name and role of a client's public key (Z85), None when it is not allowed in. In two folders, it has the lesser role."""
+        """Name and role of a client's public key (Z85), None when it is not allowed in. In two folders it is an operator's."""
         for folder, role in _ROLES.items():
             for file in sorted((self.allowed / folder).glob("*.key")):
                 if _public(file) == client:

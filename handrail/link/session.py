@@ -129,6 +129,15 @@ class Session:
 
     def call(self, message: msgspec.Struct, timeout_s: float | None = None) -> Any:
         """The answer to a call. Raises RefusedError, or Unreachable when no answer came."""
+        answer = self.ask(message, timeout_s).result()
+        if isinstance(answer, Refused):
+            raise RefusedError(answer)
+        if isinstance(answer, codec.NoAnswer):
+            raise Unreachable(answer.message)
+        return answer
+
+    def ask(self, message: msgspec.Struct, timeout_s: float | None = None) -> Future[Any]:
+        """The answer when it comes, as it comes: it may be Refused or NoAnswer. Unreachable is raised in the future."""
         kind = type(message)
         timeout_s = codec.timeout_s(kind) + _MARGIN_S if timeout_s is None else timeout_s
         with self._lock:
@@ -137,13 +146,9 @@ class Session:
             payload = self._packer.pack(message)
         deadline = time.monotonic() + timeout_s
         call = _Call(number, kind.__name__, spec(kind).priority, payload, deadline, timeout_s)
+        call.answer.set_running_or_notify_cancel()  # whoever does not want it any more does not take it back
         self._do(lambda: self._enqueue(call))
-        answer = call.answer.result()
-        if isinstance(answer, Refused):
-            raise RefusedError(answer)
-        if isinstance(answer, codec.NoAnswer):
-            raise Unreachable(answer.message)
-        return answer
+        return call.answer
 
     def listen(self, kinds: tuple[type, ...]) -> Events:
         """A stream of these types of events (`Live` among them, if wanted)."""

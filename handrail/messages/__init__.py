@@ -206,6 +206,13 @@ from handrail.messages.references import (
     PostureKnots,
     Reference,
 )
+from handrail.messages.remote_engines import (
+    CallForEngine,
+    CallsForEngine,
+    EngineSays,
+    FetchCalls,
+    Said,
+)
 from handrail.messages.runs import (
     EngineSnapshot,
     GetEngine,
@@ -258,6 +265,8 @@ __all__ = [
     "BindKeepalive",
     "BundleState",
     "BusStatistics",
+    "CallForEngine",
+    "CallsForEngine",
     "CancelAction",
     "CancelPlanning",
     "CartesianImpedance",
@@ -294,9 +303,11 @@ __all__ = [
     "EngineCall",
     "EngineEvent",
     "EngineInfo",
+    "EngineSays",
     "EngineSnapshot",
     "Engines",
     "ExecutePlan",
+    "FetchCalls",
     "FixedPose",
     "Foot",
     "ForceEnd",
@@ -327,6 +338,7 @@ __all__ = [
     "GripperOrder",
     "GripperState",
     "GroundTruth",
+    "GuestCall",
     "HardwareComponent",
     "HardwareStatus",
     "HoldTime",
@@ -414,6 +426,7 @@ __all__ = [
     "RunState",
     "SafetyReport",
     "SafetyRule",
+    "Said",
     "SensorEvent",
     "SetAutonomy",
     "SetBreakpoints",
@@ -575,6 +588,8 @@ EngineCall = (
     | SetJoint
     | GetReach
 )
+GuestCall = FetchCalls | EngineSays
+"""what an engine on another machine asks the gate"""
 EngineEvent = (
     InstanceState
     | PlanPreview
@@ -619,5 +634,6 @@ Answer = (
     | Releases
     | RolledBack
     | Engines
+    | CallsForEngine
     | Reach
 )

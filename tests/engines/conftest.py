@@ -59,6 +59,7 @@ class FakeDaemon:
     wheel: float = 0.0
     """rad, where the wheel that the tool pushes really is"""
     disturb: Callable[[Any], None] = lambda action: None
+    robot: m.RobotInfo | None = None
 
     def __post_init__(self) -> None:
         self.command = np.array([0.0, -0.3, 0.0])
@@ -164,6 +165,8 @@ class FakeDaemon:
         self.calls.append(call)
         if isinstance(call, m.GetStatus):
             return self._status()
+        if isinstance(call, m.GetRobot):
+            return self.robot
         if isinstance(call, m.TakeLease):
             lease, _ = self.leases.take(call.owner, call.part, call.take_over)
             number = self.leases.sequence(call.owner)
@@ -367,8 +370,8 @@ class FakePlanner:
 class Stack:
     """An engine in a thread of its own, with a caller and everything that it published."""
 
-    def __init__(self, runtime: Runtime, planner: FakePlanner, name: str = "engine"):
-        self.runtime, self.planner, self.name = runtime, planner, name
+    def __init__(self, runtime: Runtime, planner: FakePlanner, name: str = "engine", *, away: bool = False):
+        self.runtime, self.planner, self.name, self.away = runtime, planner, name, away
         self.events: list[Any] = []
         self._started, self._end = threading.Event(), threading.Event()
         self._changed = threading.Condition()
@@ -394,7 +397,7 @@ class Stack:
             upper=np.full(3, 3.0),
             index=lambda names: np.array([JOINTS.index(name) for name in names]),
         )
-        self.engine = Engine(self.runtime, description, self.planner, tip_pose, name=self.name)  # type: ignore[arg-type]
+        self.engine = Engine(self.runtime, description, self.planner, tip_pose, name=self.name, away=self.away)  # type: ignore[arg-type]
         self._started.set()
         self.engine.serve()
         self.engine.close()

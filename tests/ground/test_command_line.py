@@ -22,6 +22,7 @@ VERBS = [
     "controllers",
     "drives",
     "program",
+    "engine",
     "deploy",
     "deployments",
     "watch",

@@ -12,6 +12,7 @@ CALLS_AND_EVENTS = [
     *messages.DaemonEvent.__args__,
     *messages.EngineCall.__args__,
     *messages.EngineEvent.__args__,
+    *messages.GuestCall.__args__,
     messages.PointCloud,
     messages.GroundTruth,
 ]

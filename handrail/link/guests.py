@@ -1,0 +1,201 @@
+"""Engines that run on other machines, as the robot's side has them: a call service and a topic in the runtime folder, as of any.
+
+Who looks for engines there, the gate itself and the recorder among them, finds them and need not know. An engine whose link is cut
+goes as one that was killed does, and comes back when it asks again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+from pathlib import Path
+
+import msgspec
+import zmq
+import zmq.asyncio
+
+from handrail.engines import FIRST, checked, lock
+from handrail.link import codec
+from handrail.messages import (
+    CallForEngine,
+    CallsForEngine,
+    EngineInfo,
+    EngineSays,
+    FetchCalls,
+    Message,
+    Said,
+)
+from handrail.runtime import Runtime
+from handrail.sole_holder import HeldElsewhere, sole_holder
+from handrail.topics import refuse
+
+_log = logging.getLogger("handrail.link")
+
+_WAIT_S = 0.5
+"""how long a call to fetch waits for something"""
+_SILENT_S = 3.0
+"""an engine that has not asked for so long has gone"""
+_OPEN_CALLS = 1000
+_encoder = msgspec.msgpack.Encoder()
+
+
+class _Guest:
+    """One engine's place."""
+
+    def __init__(self, runtime: Runtime, context: zmq.asyncio.Context, name: str, process: str):
+        """Raises HeldElsewhere where an engine of that name runs on the robot."""
+        self.name, self.process = name, process
+        self._file = Path(lock(runtime, name))
+        self._held = contextlib.ExitStack()
+        self._held.enter_context(sole_holder(self._file))
+        self._service, self._topic = context.socket(zmq.ROUTER), context.socket(zmq.XPUB)
+        for socket, endpoint in ((self._service, "call"), (self._topic, "events")):
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.bind(runtime.endpoint(f"{name}.{endpoint}"))
+        self._count = secrets.randbits(40)  # an answer to a call from before the link was cut answers nothing
+        self._callers: dict[int, bytes] = {}
+        self._waiting: list[CallForEngine] = []
+        self._something = asyncio.Event()
+        self._pieces = bytearray()
+        self.saying = asyncio.Lock()
+        """what is said stays in order, whatever it waits for"""
+        self.heard_s = asyncio.get_running_loop().time()
+        self._listened = asyncio.Event()
+        """the gate hears its events: what came back with the line must not leave before"""
+        self._work = [asyncio.create_task(self._take()), asyncio.create_task(self._take_subscriptions())]
+
+    async def _take(self) -> None:
+        while True:
+            identity, *frames = await self._service.recv_multipart()
+            self._count += 1
+            self._callers[self._count] = identity
+            if len(self._callers) > _OPEN_CALLS:
+                del self._callers[next(iter(self._callers))]  # whoever asked has long given up
+            self._waiting.append(CallForEngine(self._count, b"".join(frames)))
+            self._something.set()
+
+    async def _take_subscriptions(self) -> None:
+        wanted: set[bytes] = set()
+        while True:
+            message = await self._topic.recv()
+            wanted.add(message[1:])
+            if wanted >= {name.encode() for name in codec.REMOTE_EVENTS}:
+                self._listened.set()
+
+    async def fetch(self) -> list[CallForEngine]:
+        """What it is called for, as soon as there is something."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._something.wait(), _WAIT_S)
+        calls, self._waiting = self._waiting, []
+        self._something.clear()
+        return calls
+
+    async def say(self, said: Said) -> None:
+        """Pass on an answer or an event; what is none is logged."""
+        if not said.piece:
+            self._pieces.clear()  # the line may have been cut between two
+        if len(self._pieces) + len(said.payload) <= codec.LARGEST_ANSWER:
+            self._pieces += said.payload
+        if said.more:
+            return
+        payload = bytes(self._pieces)
+        if said.number:
+            if (identity := self._callers.pop(said.number, None)) is not None:
+                await self._service.send_multipart((identity, payload))
+        elif problem := self._no_event(said.event, payload):
+            _log.warning("the engine %s told what is not passed on: %s", self.name, problem)
+        else:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._listened.wait(), _SILENT_S)
+            await self._topic.send_multipart((said.event.encode(), payload))
+
+    def _no_event(self, name: str, payload: bytes) -> str:
+        """Why it is no event that this engine may tell."""
+        kind = codec.GUEST_EVENTS.get(name)
+        if kind is None:
+            return f"{name[:80]!r}; expected one of {', '.join(codec.GUEST_EVENTS)}"
+        try:
+            event: object = msgspec.msgpack.decode(payload, type=kind)
+        except (msgspec.DecodeError, RecursionError) as problem:
+            return f"{name}: {problem}"
+        if isinstance(event, EngineInfo) and event.name != self.name:
+            return f"EngineInfo of {event.name!r}; expected {self.name}"
+        return ""
+
+    def close(self) -> None:
+        """It has gone."""
+        for task in self._work:
+            task.cancel()
+        self._service.close(0)
+        self._topic.close(0)
+        os.truncate(self._file, 0)  # it names this process, which lives on
+        self._held.close()
+
+
+class Guests:
+    """All that are there. Used by the gate's loop alone."""
+
+    def __init__(self, runtime: Runtime, context: zmq.asyncio.Context):
+        self._runtime, self._context = runtime, context
+        self._guests: dict[str, _Guest] = {}
+
+    async def answer(self, call: FetchCalls | EngineSays, name: str) -> Message | None:
+        """Of the engine whose key has this name. Raises RefusedError; None: it was carried out."""
+        if isinstance(call, FetchCalls) and not call.process:
+            return CallsForEngine(engine=_name(name))
+        guest = self._guests.get(name)
+        if guest is not None and guest.process != call.process:
+            raise refuse(f"another process is the engine {name}", "process", call.process, "one at a time")
+        if isinstance(call, EngineSays):
+            if guest is None:
+                raise refuse(f"the engine {name} is not there: it has to fetch its calls first")
+            async with guest.saying:
+                for said in call.said:
+                    await guest.say(said)
+            return None
+        if guest is None:
+            try:
+                guest = self._guests[name] = _Guest(self._runtime, self._context, _name(name), call.process)
+            except HeldElsewhere as held:
+                raise refuse(f"the robot has an engine {name} of its own (process {held.process})") from held
+            _log.info("the engine %s is there, on another machine", name)
+        guest.heard_s = asyncio.get_running_loop().time()
+        return CallsForEngine(engine=name, calls=await guest.fetch())
+
+    async def watch(self) -> None:
+        """Let go of those that have gone silent."""
+        while True:
+            await asyncio.sleep(_WAIT_S)
+            now = asyncio.get_running_loop().time()
+            for name, guest in list(self._guests.items()):
+                if now - guest.heard_s > _SILENT_S:
+                    _log.warning("the engine %s, on another machine, has gone silent", name)
+                    self._guests.pop(name).close()
+
+    def close(self) -> None:
+        """All have gone."""
+        for guest in self._guests.values():
+            guest.close()
+        self._guests.clear()
+
+
+def check_owner(call: Message, name: str) -> None:
+    """Raise RefusedError where an engine whose key has this name commands as somebody else."""
+    owner = getattr(call, "owner", name)
+    if owner != name:
+        raise refuse(f"the link knows this engine as {name}", "owner", owner[:80], name)
+
+
+def _name(key: str) -> str:
+    """The engine of a key. Raises RefusedError where no engine can be called so."""
+    try:
+        if key == FIRST:
+            raise ValueError(f"{key} is the robot's own first engine")
+        return checked(key)
+    except ValueError as problem:
+        raise refuse(
+            f"rename allowed/engines/{key}.key on the robot: {problem}", "name", key, "an engine's name"
+        ) from problem

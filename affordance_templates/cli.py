@@ -18,7 +18,7 @@ from affordance_templates.template_schema import json_schema
 from handrail.config import ConfigError
 
 app = typer.Typer(
-    help="Affordance templates: look at them, check, draw, begin, import, teach them; what of them can be reached.",
+    help="Affordance templates: look at them, check, draw, begin, import, teach, run them; what of them can be reached.",
     no_args_is_help=True,
 )
 app.command()(authoring_cli.new)
@@ -26,6 +26,8 @@ app.command("import")(authoring_cli.import_)
 app.command()(authoring_cli.record)
 app.command()(authoring_cli.save)
 app.command()(running_cli.reach)
+app.command()(running_cli.run)
+app.command()(running_cli.expand)
 _out = Console()
 
 _Name = Annotated[str, typer.Argument(help="A template of the library, or a file.")]

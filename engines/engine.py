@@ -52,6 +52,7 @@ from engines.runs.prompts import Prompts
 from engines.runs.run import LINK_CUT, ProgramRun, Start
 from engines.service import DeferringService, Wake
 from engines.shared_instances import SharedInstances
+from engines.template_runs import TemplateRuns
 from engines.tip_poses import TipPose, tip_poses
 from handrail import engines as engine_names
 from handrail import messages as m
@@ -140,6 +141,7 @@ class Engine:
             nodes=NodeKeeper(self._tell, self._log),
             outlasts=LINK_CUT if away else frozenset(),
         )
+        self._templates = TemplateRuns(self._services, runtime.folder / f"{name}.templates")
         book = location()
         self._learner = Learner(description.name, RunBook(book) if book else None, affordances.instances)
         for problem in (*affordances.problems, *self._releases.problems):
@@ -164,6 +166,8 @@ class Engine:
             m.Deploy: self._deploy,
             m.CheckTask: self._check_task,
             m.Run: self._start,
+            m.ExpandTemplate: self._templates.program,
+            m.RunTemplate: self._run_template,
             m.PauseRun: lambda call: self._running().pause(),
             m.ResumeRun: lambda call: self._running().resume(),
             m.StopRun: lambda call: self._stop_run(),
@@ -375,13 +379,16 @@ class Engine:
             except ConfigError as problem:
                 raise refuse("the program can't be deployed", "program", call.program, str(problem)) from problem
             deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
+        self._keep(deployed)
+        warnings = self._learner.before(deployed)
+        return m.Deployment(id=deployed.id, program=program.name, hash=program.hash, warnings=warnings)
+
+    def _keep(self, deployed: Deployed) -> None:
         self._deployments[deployed.id] = deployed
         while len(self._deployments) > _DEPLOYMENTS_KEPT:
             gone = next(iter(self._deployments))
             del self._deployments[gone]
             self._seeds.pop(gone, None)
-        warnings = self._learner.before(deployed)
-        return m.Deployment(id=deployed.id, program=program.name, hash=program.hash, warnings=warnings)
 
     def _deployed(self, id: str) -> Deployed:
         """Refused where it is not there, or its instances are gone."""
@@ -409,6 +416,12 @@ class Engine:
         self._idle()
         return self._begin(self._deployed(call.deployment))
 
+    def _run_template(self, call: m.RunTemplate) -> m.RunState:
+        self._idle()
+        deployed = self._templates.deploy(call)
+        self._keep(deployed)
+        return self._begin(deployed)
+
     def _begin(self, deployed: Deployed, start: Start | None = None) -> m.RunState:
         deployment.still_bound(deployed, self._services.description, self._services.affordances)
         doing = {state.id for state in deployed.program.states() if state.file.do}
@@ -428,6 +441,7 @@ class Engine:
 
     def _run_changed(self, deployed: Deployed, state: m.RunState) -> None:
         self._journal.write(deployed, state)
+        self._templates.told(deployed, state)
         self._tell(state)
         if state.status != self._told_status:
             self._told_status = state.status

@@ -221,6 +221,8 @@ class AsyncClient:
     answer = _awaited(Client.answer)
     snapshot = _awaited(Client.snapshot)
     reach = _awaited(Client.reach)
+    expand_template = _awaited(Client.expand_template)
+    run_template = _awaited(Client.run_template)
     nodes = _awaited(Client.nodes)
     start_node = _awaited(Client.start_node)
     put_node = _awaited(Client.put_node)

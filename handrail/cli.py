@@ -42,7 +42,7 @@ _VERBS = {
     "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
     "watch": "Events of the robot that is up: which, which of their fields, how often.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
-    "template": "Affordance templates: list, show, check, draw, begin, import, teach them.",
+    "template": "Affordance templates: list, show, check, draw, begin, import, teach them; run one that is placed.",
     "node": "Process nodes: list, try, run them without an engine; start, watch, stop those of the robot that is up.",
     "learn": "What past runs of programs tell about success: list, report, forget.",
     "new": "Begin a workspace, a program, a node, a behaviour, a scene, a template or a controller of your own.",

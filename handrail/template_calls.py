@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from handrail.link.events import Events
-from handrail.messages import GetReach, Reach
+from handrail.messages import ExpandTemplate, GetReach, Reach, RunState, RunTemplate, TemplateProgram
 
 _LASTS_S, _RENEWED_S = 10.0, 4.0
 
@@ -37,14 +37,44 @@ class TemplateCalls:
             instance=instance, trajectory=trajectory, arm=arm, clearance=clearance, rate=rate, lasts=_LASTS_S
         )
         with self.events(Reach) as told:
-            first = self.call(watch)
+            last = first = self.call(watch)
             yield first
             renewed = time.monotonic()
             while not told.closed:
                 event = told.next(_RENEWED_S / 4)
                 about = (instance, trajectory, first.arm)
-                if isinstance(event, Reach) and (event.instance, event.trajectory, event.arm) == about:
+                if (
+                    isinstance(event, Reach)
+                    and (event.instance, event.trajectory, event.arm) == about
+                    and event != last
+                ):
+                    last = event
                     yield event
                 if time.monotonic() - renewed >= _RENEWED_S:
                     self.call(watch)
                     renewed = time.monotonic()
+
+    def expand_template(
+        self, instance: str, trajectory: str, arm: str = "", *, first: str = "", steps: int = 0, backwards: bool = False,
+        loop: int = 1,
+    ) -> TemplateProgram:  # fmt: skip
+        """The program that `run_template` would run: its file's text, to be saved and changed, and what it would be bound to."""
+        call = ExpandTemplate(
+            instance=instance, trajectory=trajectory, arm=arm, first=first, steps=steps, backwards=backwards, loop=loop
+        )
+        return self.call(call)
+
+    def run_template(
+        self, instance: str, trajectory: str, arm: str = "", *, first: str = "", steps: int = 0, backwards: bool = False,
+        loop: int = 1,
+    ) -> RunState:  # fmt: skip
+        """Go along an instance's trajectory as an ordinary run, one state a waypoint: planned ways are shown before they are gone,
+        and asked about at autonomy `high` and below (`set_autonomy`). `stop_run` ends it in the midst of a motion.
+
+        `first`: the waypoint to begin with; `steps`: how many to go to (1: the next one from where the last such run left the
+        hand); `backwards`: each leg as it was gone forwards; `loop`: how often, forwards.
+        """
+        call = RunTemplate(
+            instance=instance, trajectory=trajectory, arm=arm, first=first, steps=steps, backwards=backwards, loop=loop
+        )
+        return self.call(call)

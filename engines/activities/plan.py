@@ -1,26 +1,36 @@
-"""`do: plan`: plan a template's trajectory for an arm, or a motion to goals, from where the robot is commanded to be."""
+"""`do: plan`: plan a template's stroke or the way to one of its waypoints for an arm, or a motion to goals, from where the robot is
+commanded to be.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from engines.activities.base import Activity, Argument, Kind
+from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.waypoints import chosen, way_to
 from handrail.messages import PlanMotion
+from handrail.topics import RefusedError
 
 _STROKE = ("instance", "trajectory")
+_ENTRY = ("arc", "entry_shift")
+_TO = ("waypoint", "way", "leaving")
 _MOTION = ("goals", "through", "keep", "joints", "clearance", "relax")
 
 
 class PlanActivity(Activity):
-    """Plans one visit (`instance`, `trajectory`), or a motion (`goals`, or `along`).
+    """Plans one stroke (`instance`, `trajectory`), the way to one `waypoint` of a trajectory that is none, or a motion (`goals`, or
+    `along`).
 
-    The later strokes of a task pass the `arc` that the first one chose.
+    The later strokes of a task pass the `arc` that the first one chose. `way` and `leaving` are those of `do: trajectory`.
     """
 
     arguments = {
         "instance": Argument(Kind.INSTANCE, required=False),
         "trajectory": Argument(Kind.NAME, required=False),
+        "waypoint": Argument(Kind.TEXT, required=False, default=""),
+        "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
+        "leaving": Argument(Kind.TEXT, required=False, default=""),
         "arm": Argument(Kind.ARM),
         "arc": Argument(Kind.NUMBER, required=False, unit="rad"),
         "entry_shift": Argument(Kind.NUMBER, required=False, default=0.0, unit="rad"),
@@ -39,15 +49,20 @@ class PlanActivity(Activity):
     def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
         """See Activity."""
         if "along" in given:
-            odd = [name for name in (*_STROKE, "arc", "entry_shift", "goals", "through") if name in given]
+            odd = [name for name in (*_STROKE, *_ENTRY, *_TO, "goals", "through") if name in given]
             return (odd[0], "beside along; expected one of both") if odd else ("", "")
         if "goals" in given:
-            odd = [name for name in (*_STROKE, "arc", "entry_shift") if name in given]
+            odd = [name for name in (*_STROKE, *_ENTRY, *_TO) if name in given]
             return (odd[0], "beside goals; expected one of both") if odd else ("", "")
         if missing := [name for name in _STROKE if name not in given]:
             return missing[0], "missing; plan needs it (with instance, trajectory), or goals, or along"
-        odd = [name for name in _MOTION if name in given]
-        return (odd[0], "without goals; expected goals") if odd else ("", "")
+        if odd := [name for name in _MOTION if name in given]:
+            return odd[0], "without goals; expected goals"
+        wrong = _ENTRY if "waypoint" in given else _TO
+        if odd := [name for name in wrong if name in given]:
+            other = "beside" if "waypoint" in given else "without"
+            return odd[0], f"{other} waypoint; expected a stroke, or the way to a waypoint"
+        return "", ""
 
     def run(self) -> dict[str, Any]:
         from engines.plans.making import make_motion, make_plan  # which imports this package
@@ -55,7 +70,10 @@ class PlanActivity(Activity):
         self.services.daemon.hold_time(self.context.hold_s)
         values = self.values
         after = str(values["after"] or "")
-        if values["goals"] or values["along"]:
+        call: PlanMotion | None = None
+        if values["waypoint"]:
+            call = self._way()
+        elif values["goals"] or values["along"]:
             call = PlanMotion(
                 goals=list(values["goals"]),
                 along=values["along"],
@@ -67,6 +85,7 @@ class PlanActivity(Activity):
                 relax=list(values["relax"]),
                 after=after,
             )
+        if call is not None:
             record, preview = make_motion(
                 self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
             )
@@ -90,3 +109,29 @@ class PlanActivity(Activity):
             "limit_margin": preview.limit_margin,
             "duration": preview.duration,
         }
+
+    def _way(self) -> PlanMotion:
+        """To the waypoint. Raises ActivityFailed."""
+        values = self.values
+        try:
+            instance = self.services.affordances.get(values["instance"])
+        except RefusedError as refused:
+            raise ActivityFailed("refused", str(refused)) from refused
+        (waypoint,) = chosen(
+            self.services.description,
+            instance,
+            values["trajectory"],
+            values["arm"],
+            first=values["waypoint"],
+            last=values["waypoint"],
+            back=values["way"] == "backwards",
+            leaving=values["leaving"],
+        )
+        call = way_to(waypoint, instance)
+        if call is None:
+            raise ActivityFailed(
+                "refused",
+                f"waypoint: {values['waypoint']} is gone to {waypoint.waypoint.approach}, which nobody plans; "
+                "expected one that is gone to freely, or along a joint that is held",
+            )
+        return call

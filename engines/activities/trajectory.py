@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from affordance_templates.binding import BoundWaypoint, bind
+from affordance_templates.binding import BoundWaypoint
 from affordance_templates.instance import Instance
 from affordance_templates.placement import Array, of_message, placed, shortest_turn, to_message, turn_between
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import execute
 from engines.activities.hand import poses_of, shape_hand
+from engines.activities.waypoints import chosen, pushes, way_to
 from engines.runs.motion import MotionFailed
 from handrail.messages import (
-    Along,
     Compliance,
     CompliantMotion,
     ContactEnd,
@@ -49,11 +48,13 @@ _CLOSED = "closed"
 
 class TrajectoryActivity(Activity):
     """Goes along the waypoints of an instance's trajectory, all or `first` to `last`, either one left out for the trajectory's own.
+    Those before count as gone to already. The first way is the `plan` of `do: plan`, where one was made for it.
 
-    The `way` backwards comes from the last one, and at each waypoint the hand gets the shape that it had before it: what a way in
-    took hold of, the way back puts down. Done with the `waypoint` that it ended at, whether the hand `holds` something, and
-    `moved`, rad or m that it moved the last joint by. Fails with `stale` before it goes on to where the instance is no more, and
-    with `no_hand` where the hand is to change its shape and the arm carries a rigid tool.
+    The `way` backwards comes from the last one, and at each waypoint the hand gets the shape that it had before it: what a way
+    in took hold of, the way back puts down. It comes to `last` on a line, or, `leaving` the waypoint behind that, as it went there.
+    Done with the `waypoint` that it ended at, whether the hand `holds` something, and `moved`, rad or m that it moved the last
+    joint by. Fails with `stale` before it goes on to where the instance is no more, and with `no_hand` where the hand is to change
+    its shape and the arm carries a rigid tool.
     """
 
     arguments = {
@@ -63,12 +64,15 @@ class TrajectoryActivity(Activity):
         "first": Argument(Kind.TEXT, required=False, default=""),
         "last": Argument(Kind.TEXT, required=False, default=""),
         "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
+        "leaving": Argument(Kind.TEXT, required=False, default=""),
+        "plan": Argument(Kind.VALUE, required=False),
     }
     outputs = frozenset({"waypoint", "holds", "moved"})
 
     def run(self) -> dict[str, Any]:
         self._instance = instance = self._asked()
         self._holds, self._moved = False, 0.0
+        self._plan = str(self.values["plan"] or "")
         waypoints = self._chosen(instance)
         for waypoint in waypoints:
             try:
@@ -110,60 +114,49 @@ class TrajectoryActivity(Activity):
 
     def _chosen(self, instance: Instance) -> Sequence[BoundWaypoint]:
         """The waypoints to go to, in order, for the arm."""
-        name, arm = self.values["trajectory"], self.values["arm"]
-        found = instance.resolve().trajectories.get(name)
-        if found is not None and found.entry is not None:
-            raise ActivityFailed(
-                "refused", f"trajectory: {name} is a stroke, whose entry is planned; expected do: plan and do: execute"
-            )
-        try:
-            hands = {} if found is None else {found.hand: arm}
-            waypoints = bind(instance, name, self.services.description, hands).waypoints
-        except ValueError as problem:
-            raise ActivityFailed("refused", str(problem)) from problem
-        names = [waypoint.waypoint.name for waypoint in waypoints]
-        ends = []
-        for field, usual in (("first", names[0]), ("last", names[-1])):
-            wanted = self.values[field] or usual
-            if wanted not in names:
-                raise ActivityFailed(
-                    "refused", f"{field}: {name} has no waypoint {wanted!r}; expected one of {', '.join(names)}"
-                )
-            ends.append(names.index(wanted))
-        if ends[0] > ends[1]:
-            raise ActivityFailed(
-                "refused", f"last: {names[ends[1]]} comes before {names[ends[0]]}; expected it or one behind it"
-            )
-        chosen = waypoints[ends[0] : ends[1] + 1]
-        if len({each.waypoint.hand_pose for each in chosen} - {""}) > 1:
-            poses_of(self.services, arm)
-        return backwards(chosen) if self.values["way"] == "backwards" else chosen
+        values = self.values
+        waypoints = chosen(
+            self.services.description,
+            instance,
+            values["trajectory"],
+            values["arm"],
+            first=values["first"],
+            last=values["last"],
+            back=values["way"] == "backwards",
+            leaving=values["leaving"],
+        )
+        if len({each.waypoint.hand_pose for each in waypoints} - {""}) > 1:
+            poses_of(self.services, values["arm"])
+        return waypoints
 
     # ------------------------------------------------------------------------------------------------------ one waypoint
 
     def _reach(self, instance: Instance, waypoint: BoundWaypoint) -> None:
-        asked = waypoint.waypoint
-        if asked.approach == "free":
-            self._planned(PlanMotion(goals=[waypoint.goal()], arm=self.values["arm"]))
-        elif asked.approach != "along":
-            self._straight(waypoint)
-        elif waypoint.force_in_world is not None and instance.resolve().joints[asked.joint].kind == "prismatic":
+        call = way_to(waypoint, instance)
+        if call is not None:
+            self._planned(call)
+            self._moved = call.along.by if call.along is not None else self._moved
+        elif pushes(waypoint, instance):
             self._push(instance, waypoint)
         else:
-            by = float(asked.to)
-            along = Along(instance=instance.name, joint=asked.joint, by=by, frame=self._arm.tip)
-            self._planned(PlanMotion(goals=[], along=along, arm=self.values["arm"]))
-            self._moved = by
+            self._straight(waypoint)
 
     def _planned(self, call: PlanMotion) -> None:
-        """Plan it and run it to its end."""
+        """Run the plan that was made for it, or make one, to its end."""
         from engines.plans.making import make_motion  # which imports this package
 
-        self.services.daemon.hold_time(self.context.hold_s)
-        record, preview = make_motion(
-            self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
-        )
-        self.context.notes.planned(preview)
+        given, self._plan = self._plan, ""
+        if given:
+            try:
+                record = self.services.plans.get(given)
+            except RefusedError as refused:
+                raise ActivityFailed("refused", f"plan: {refused}") from refused
+        else:
+            self.services.daemon.hold_time(self.context.hold_s)
+            record, preview = make_motion(
+                self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
+            )
+            self.context.notes.planned(preview)
         ended = execute(self.services, self.context.motion, record, (), self.cancelled, still=self._outdated)
         if ended["outcome"] != "done":
             raise ActivityFailed("guarded", f"it was ended by {ended['outcome']} in {ended['segment']}")
@@ -255,29 +248,3 @@ def _axes_along(direction: Array | None) -> tuple[float, float, float, float]:
         return (0.0, 0.0, 0.0, 1.0)
     turned = shortest_turn((1.0, 0.0, 0.0), direction / np.linalg.norm(direction))
     return to_message(placed(np.zeros(3), turned)).orientation
-
-
-def backwards(waypoints: Sequence[BoundWaypoint]) -> tuple[BoundWaypoint, ...]:
-    """The same way from its end: to its last waypoint on a line, then each leg as it was gone forwards, without its guards and
-    pushes.
-    """
-    back = []
-    for number in reversed(range(len(waypoints))):
-        here = waypoints[number]
-        leg = waypoints[number + 1].waypoint if number + 1 < len(waypoints) else None
-        approach = "straight" if leg is None or leg.approach == "guarded" else leg.approach
-        held = leg if approach == "along" else None
-        shaped = next((before for before in reversed(waypoints[:number]) if before.fingers), None)
-        waypoint = replace(
-            here.waypoint,
-            approach=approach,
-            joint=held.joint if held else "",
-            to=-float(held.to) if held else 0.0,
-            until=None,
-            force=None,
-            duration=leg.duration if leg else 0.0,
-            speed=leg.speed if leg else None,
-            hand_pose=shaped.waypoint.hand_pose if shaped else "",
-        )
-        back.append(replace(here, waypoint=waypoint, fingers=shaped.fingers if shaped else {}, force_in_world=None))
-    return tuple(back)

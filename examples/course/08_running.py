@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import handrail
-from handrail.messages import Prompt, RunState
+from handrail.messages import Pose, Prompt, RunState
 
 with handrail.connect() as robot, robot.events(RunState, Prompt) as events:
 
@@ -45,3 +45,10 @@ with handrail.connect() as robot, robot.events(RunState, Prompt) as events:
     until(lambda run: "confirming" in run.active)
     robot.stop_run()  # whatever moves stops; the robot holds
     until(lambda run: run.status == "stopped")
+
+    # A template alone: its trajectory is a program of its own, which goes one waypoint on, or back, at a time.
+    robot.place_instance("crate", "box", Pose(position=(0.55, 0.35, 0.10)))
+    print(robot.expand_template("crate", "push", "left").text)  # a file to save and to change
+    robot.run_template("crate", "push", "left", steps=1)
+    until(lambda run: run.status == "succeeded")
+    robot.remove_instance("crate")

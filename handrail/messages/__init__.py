@@ -252,6 +252,7 @@ from handrail.messages.state import (
     LoopStatistics,
     RobotState,
 )
+from handrail.messages.template_runs import ExpandTemplate, RunTemplate, TemplateProgram
 
 __all__ = [
     "NOT_READY",
@@ -307,6 +308,7 @@ __all__ = [
     "EngineSnapshot",
     "Engines",
     "ExecutePlan",
+    "ExpandTemplate",
     "FetchCalls",
     "FixedPose",
     "Foot",
@@ -424,6 +426,7 @@ __all__ = [
     "RunFrom",
     "RunHistory",
     "RunState",
+    "RunTemplate",
     "SafetyReport",
     "SafetyRule",
     "Said",
@@ -458,6 +461,7 @@ __all__ = [
     "TaskAxis",
     "TaskCheck",
     "TaskStep",
+    "TemplateProgram",
     "TimeDistribution",
     "TimeEnd",
     "TorqueLimitEnd",
@@ -502,6 +506,8 @@ GetRunHistory.Reply = RunHistory
 GetOutline.Reply = Outline
 GetEngine.Reply = EngineSnapshot
 GetReach.Reply = Reach
+ExpandTemplate.Reply = TemplateProgram
+RunTemplate.Reply = RunState
 
 DaemonCall = (
     GetRobot
@@ -587,6 +593,8 @@ EngineCall = (
     | GetEngines
     | SetJoint
     | GetReach
+    | ExpandTemplate
+    | RunTemplate
 )
 GuestCall = FetchCalls | EngineSays
 """what an engine on another machine asks the gate"""
@@ -636,4 +644,5 @@ Answer = (
     | Engines
     | CallsForEngine
     | Reach
+    | TemplateProgram
 )

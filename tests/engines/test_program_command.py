@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from engines.programs import cli
-from handrail import robot_option
+from handrail import following, robot_option
 from handrail.messages import AnswerPrompt, Deploy, GetEngine, Run, StopRun
 from handrail.topics import Subscriber
 
@@ -117,7 +117,7 @@ def test_a_prompt_that_nobody_can_answer_stops_the_run(stack, client):
 
 
 def test_a_run_that_the_engine_no_longer_knows_is_over(stack, client, planner, monkeypatch):
-    monkeypatch.setattr(cli, "_SILENT_S", 0.1)
+    monkeypatch.setattr(following, "_SILENT_S", 0.1)
     planner.pace.clear()
     stack.place()
     client.snapshot = lambda: SimpleNamespace(run=None)

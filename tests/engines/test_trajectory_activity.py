@@ -13,7 +13,16 @@ from engines.activities.trajectory import TrajectoryActivity
 from handrail.messages import MoveInstance, PlaceInstance, Pose, RemoveInstance
 from handrail.robot import library as robots
 
-ALL = {"instance": "it", "trajectory": "grasp", "arm": "right", "first": "around", "last": "hold", "way": "forwards"}
+ALL = {
+    "leaving": "",
+    "plan": None,
+    "instance": "it",
+    "trajectory": "grasp",
+    "arm": "right",
+    "first": "around",
+    "last": "hold",
+    "way": "forwards",
+}
 
 
 class Moves:

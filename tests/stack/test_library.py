@@ -20,14 +20,20 @@ SIZE = {"depth": 0.06, "width": 0.05, "height": 0.13}
 def carried_out(robot, program: str, bindings: Mapping[str, str], **parameters) -> RunState:
     """A run's end; what it asks is approved."""
     with robot.events(RunState, timeout_s=30.0) as runs:
-        run = robot.run(robot.deploy(program, bindings, parameters)).run
-        for state in runs:
-            if state.run == run and state.status in ("succeeded", "failed", "stopped"):
-                return state
+        return followed(runs, robot.run(robot.deploy(program, bindings, parameters)))
+
+
+def followed(runs, begun: RunState) -> RunState:
+    """A run's end."""
+    for state in runs:
+        if state.run == begun.run and state.status in ("succeeded", "failed", "stopped"):
+            return state
     raise AssertionError("the connection was closed")
 
 
-def test_either_hand_picks_a_box_up_and_puts_it_where_it_was_told_and_knows_when_it_has_nothing(start_stack) -> None:
+def test_either_hand_picks_a_box_up_and_puts_it_where_it_was_told_or_back_and_knows_when_it_has_nothing(
+    start_stack,
+) -> None:
     stack: Stack = start_stack(scene="boxes", robot="talos_upper_grippers")
     stack.wait_up()
     robot = stack.connect()
@@ -56,3 +62,19 @@ def test_either_hand_picks_a_box_up_and_puts_it_where_it_was_told_and_knows_when
     assert (ended.status, ended.detail) == ("failed", "the hand closed on nothing")
     ended = carried_out(robot, "home", {"arm": "left"})
     assert ended.status == "succeeded", ended.detail
+
+    # The template alone: taken and lifted, one waypoint more and back, and put down again where it stood.
+    robot.remove_instance("box")
+    before = truth.now().poses_in_world["box_left"].position
+    robot.place_instance("box", "box", Pose(position=before), SIZE)
+    with robot.events(RunState, timeout_s=30.0) as runs:
+        taken = followed(runs, robot.run_template("box", "grasp", "left", steps=3))
+        assert (taken.status, taken.data["at"]) == ("succeeded", "hold"), taken.detail
+        lifted = followed(runs, robot.run_template("box", "grasp", "left", steps=1))
+        assert (lifted.status, lifted.data["at"]) == ("succeeded", "lift"), lifted.detail
+        assert truth.now().poses_in_world["box_left"].position[2] > before[2] + 0.03
+        put = followed(runs, robot.run_template("box", "grasp", "left", backwards=True))
+        assert (put.status, put.data["at"]) == ("succeeded", "before"), put.detail
+    now = truth.now().poses_in_world["box_left"]
+    assert np.linalg.norm(np.array(now.position) - before) < 0.01, now
+    assert abs(now.orientation[3]) > np.cos(np.deg2rad(5.0) / 2), f"it has fallen over: {now}"

@@ -1,0 +1,281 @@
+"""A template's trajectory as a program of its own: at each waypoint a state, so that it can be looked at, paused, stepped, saved.
+
+A way that is planned is planned and shown in one state, gone in the next: at the autonomy levels `off`, `low` and `high` the
+operator is asked in between, with the plan's ghost before him, and before each motion that nobody plans (on a line, until something
+is felt, pressing). A plan that has gone stale meanwhile is made anew. A stroke is planned and executed as a whole.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from affordance_templates.binding import BoundWaypoint
+from affordance_templates.instance import Instance
+from engines.activities.base import ActivityFailed
+from engines.activities.waypoints import chosen, way_to
+from handrail.robot.description import RobotDescription
+from handrail.topics import refuse
+
+ARM, WHAT, AT = "arm", "what", "at"
+"""names of the program's resources, and of the variable that has the waypoint reached last"""
+_ASK = {"autonomy": "high"}
+"""the operator is asked before each motion, at this level and below"""
+_STALE = "_event.data.reason == 'stale'"
+_FAILED = {"event": "error.execution", "target": "failed", "set": {"why": "failure"}}
+_PLAIN = re.compile(r"(?!(true|false|yes|no|on|off|null|y|n)$)[A-Za-z_][\w.]*( [\w.+<]+)*", re.IGNORECASE)
+MOST = 1000
+"""rounds"""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Which part of a trajectory, and which way."""
+
+    trajectory: str
+    arm: str
+    first: str = ""
+    """waypoint to go to first; empty: the first of that way, or the next one from where the hand stands"""
+    steps: int = 0
+    """waypoints to go to; 0: all that are left"""
+    back: bool = False
+    rounds: int = 1
+    stands: str = ""
+    """waypoint at which the hand is; empty: at none"""
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """A program's file."""
+
+    name: str
+    text: str
+
+
+def expand(robot: RobotDescription, instance: Instance, wish: Wish) -> Expanded:
+    """Refused where the trajectory, the arm or waypoints are not there, or nothing is left to go to."""
+    known = instance.resolve().trajectories
+    found = known.get(wish.trajectory)
+    if found is None:
+        raise refuse("no such trajectory", "trajectory", wish.trajectory, f"one of: {', '.join(known) or 'none'}")
+    if wish.arm not in robot.arms:
+        raise refuse("no such arm", "arm", wish.arm or "none", f"one of: {', '.join(robot.arms) or 'none'}")
+    if not 1 <= wish.rounds <= MOST:
+        raise refuse("it would never begin, or never end", "loop", wish.rounds, f"1 to {MOST}")
+    name = re.sub(r"\W+", "_", f"{instance.template.name}_{wish.trajectory}").strip("_").lower()
+    if found.entry is not None:
+        if wish.first or wish.steps or wish.back:
+            field = "first" if wish.first else "steps" if wish.steps else "backwards"
+            raise refuse(
+                f"{wish.trajectory} is a stroke, planned as a whole",
+                field,
+                wish.first or wish.steps or wish.back,
+                "none",
+            )
+        return Expanded(name, _stroke(instance, wish))
+    names = [each.name for each in found.waypoints]
+    leaving, part = _part(names, wish)
+    if wish.rounds > 1 and (wish.steps or wish.back):
+        field, value = ("steps", wish.steps) if wish.steps else ("backwards", wish.back)
+        raise refuse("a loop goes forwards, and all the way", field, value, "none beside loop")
+    legs = _legs(robot, instance, wish, part, leaving)
+    if not robot.arms[wish.arm].hand_poses and len({each.waypoint.hand_pose for each in legs} - {""}) > 1:
+        raise refuse(
+            f"the {wish.arm} arm of {robot.name} has no hand that could open and close",
+            "arm",
+            wish.arm,
+            "an arm with a hand",
+        )
+    return Expanded(name + ("_back" if wish.back else ""), _waypoints(instance, wish, legs, part, leaving))
+
+
+def _part(names: Sequence[str], wish: Wish) -> tuple[str, list[str]]:
+    """The waypoint that the hand leaves (empty: it comes from anywhere), and those to go to, in order."""
+    way = list(reversed(names)) if wish.back else list(names)
+    if wish.first and wish.first not in names:
+        raise refuse("no such waypoint", "first", wish.first, f"one of: {', '.join(names)}")
+    begin, leaving = 0, ""
+    if wish.first:
+        begin = way.index(wish.first)
+        leaving = wish.stands if begin and wish.stands == way[begin - 1] else ""
+    elif wish.stands in way and (wish.steps or wish.back):
+        begin, leaving = way.index(wish.stands) + 1, wish.stands
+        if begin == len(way):
+            raise refuse(
+                f"the hand stands at {wish.stands}, and nothing is left that way",
+                "first",
+                "none",
+                f"one of: {', '.join(names)}",
+            )
+    part = way[begin : begin + wish.steps] if wish.steps else way[begin:]
+    return leaving if wish.back else "", part
+
+
+def _legs(
+    robot: RobotDescription, instance: Instance, wish: Wish, part: Sequence[str], leaving: str
+) -> tuple[BoundWaypoint, ...]:
+    """The waypoints of the part, in order, as they will be gone to."""
+    first, last = (part[-1], part[0]) if wish.back else (part[0], part[-1])
+    try:
+        return chosen(
+            robot, instance, wish.trajectory, wish.arm, first=first, last=last, back=wish.back, leaving=leaving
+        )
+    except ActivityFailed as failed:
+        raise refuse(str(failed)) from failed
+
+
+# ------------------------------------------------------------------------------------------------------------- the file
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One waypoint's states."""
+
+    name: str
+    plan: str
+    """state that plans the way there; empty: nobody plans it"""
+    move: str
+    """state that goes there"""
+    title: str
+    where: dict[str, Any]
+    """arguments that say which waypoint, and from where"""
+
+    @property
+    def entry(self) -> str:
+        """The state that it begins with."""
+        return self.plan or self.move
+
+    @property
+    def asked(self) -> dict[str, str]:
+        """Of a transition to it: a way that is planned is asked about once it is there to be seen."""
+        return {} if self.plan else _ASK
+
+
+def _waypoints(instance: Instance, wish: Wish, legs: Sequence[BoundWaypoint], part: Sequence[str], leaving: str) -> str:
+    back = " backwards" if wish.back else ""
+    taken, steps = {"begin", "done", "failed"}, list[_Step]()
+    for before, name, leg in zip([leaving, *part], part, legs, strict=False):
+        way = {"way": "backwards"} | ({"leaving": before} if before else {}) if wish.back else {}
+        plan = _free(f"plan_{name}", taken) if way_to(leg, instance) else ""
+        steps.append(_Step(name, plan, _free(f"to_{name}", taken), _title(name, leg), way))
+    first = steps[0]
+    what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM}
+    lines = _head(f"{instance.template.title}: {wish.trajectory}{back}", instance, [AT, "plan", "why"], wish.rounds)
+    if not first.plan:
+        ways = [{"after": 0.1, "target": first.move, **first.asked}]
+        lines += _state("begin", f"Before {first.name}", "", {}, ways, initial=True)
+    for step, following in zip(steps, [*steps[1:], None], strict=True):
+        if step.plan:
+            planned = {"event": f"done.invoke.{step.plan}", "target": step.move, "set": {"plan": "_event.data.plan"}}
+            lines += _state(
+                step.plan, f"Plan the way to {step.name}", "plan", {**what, "waypoint": step.name, **step.where},
+                [{**planned, **_ASK}, _FAILED], initial=step is first,
+            )  # fmt: skip
+        done, at = {"event": f"done.invoke.{step.move}"}, {AT: f"'{step.name}'"}
+        if following is not None:
+            ways = [{**done, "target": following.entry, "set": at, **following.asked}]
+        else:
+            ways = [{**done, "target": "done", "set": at}]
+            again = {
+                "cond": "round < rounds",
+                "target": first.entry,
+                "set": {**at, "round": "round + 1"},
+                **first.asked,
+            }
+            ways[:0] = [{**done, **again}] if wish.rounds > 1 else []
+        if step.plan:
+            ways.append({"event": "error.execution", "cond": _STALE, "target": step.plan})
+        where = {**what, "first": step.name, "last": step.name, **step.where, **({"plan": "plan"} if step.plan else {})}
+        lines += _state(step.move, step.title, "trajectory", where, [*ways, _FAILED])
+    return "\n".join([*lines, *_tail(f"{wish.trajectory} of {{{WHAT}}}{back}: the hand is at {{{AT}}}")])
+
+
+def _title(name: str, leg: BoundWaypoint) -> str:
+    asked = leg.waypoint
+    how = {"free": "Go to", "along": f"Move {asked.joint} to"}.get(asked.approach, "Go straight to")
+    until = f" until {asked.until:g} N are felt" if asked.until is not None else ""
+    shape = f" (hand {asked.hand_pose})" if leg.fingers else ""
+    return f"{how} {name}{until}{shape}"
+
+
+def _stroke(instance: Instance, wish: Wish) -> str:
+    done, at_end = {"event": "done.invoke.moving"}, "_event.data.outcome == 'done'"
+    lines = _head(f"{instance.template.title}: {wish.trajectory}", instance, ["plan", "why"], wish.rounds)
+    planned = {"event": "done.invoke.planning", "target": "moving", "set": {"plan": "_event.data.plan"}, **_ASK}
+    what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM}
+    lines += _state("planning", "Plan the stroke", "plan", what, [planned, _FAILED], initial=True)
+    again = {"cond": f"round < rounds and {at_end}", "target": "planning", "set": {"round": "round + 1"}}
+    ways: list[dict[str, Any]] = [
+        *([{**done, **again}] if wish.rounds > 1 else []),
+        {**done, "cond": at_end, "target": "done"},
+        {**done, "target": "failed", "set": {"why": "_event.data.segment + ' was ended by ' + _event.data.outcome"}},
+        {"event": "error.execution", "cond": _STALE, "target": "planning"},
+        _FAILED,
+    ]
+    lines += _state("moving", "Execute the plan", "execute", {"plan": "plan"}, ways)
+    return "\n".join([*lines, *_tail(f"{wish.trajectory} of {{{WHAT}}}: done")])
+
+
+def _head(title: str, instance: Instance, variables: Sequence[str], rounds: int) -> list[str]:
+    values: dict[str, Any] = dict.fromkeys(variables, "")
+    parameters = []
+    if rounds > 1:
+        values["round"] = 1
+        parameters = [
+            "parameters:",
+            f"  rounds: {_flow({'default': rounds, 'type': 'integer', 'min': 1, 'max': MOST})}",
+        ]
+    return [
+        f"# Made from a trajectory of the template {instance.template.name}: yours to keep and to change.",
+        f"title: {_flow(title)}",
+        "",
+        "resources:",
+        f"  {ARM}: {{kind: arm}}",
+        f"  {WHAT}: {_flow({'kind': 'instance', 'template': instance.template.name})}",
+        *parameters,
+        f"variables: {_flow(values)}",
+        "",
+        "states:",
+    ]
+
+
+def _state(
+    name: str, title: str, do: str, given: dict[str, Any], ways: Sequence[dict[str, Any]], *, initial: bool = False
+) -> list[str]:
+    return [
+        f"  {name}:",
+        f"    title: {_flow(title)}",
+        *(["    initial: true"] if initial else []),
+        *([f"    do: {do}", f"    with: {_flow(given)}"] if do else []),
+        "    transitions:",
+        *(f"      - {_flow(way)}" for way in ways),
+    ]
+
+
+def _tail(detail: str) -> list[str]:
+    return [
+        f"  done: {_flow({'final': True, 'outcome': 'succeeded', 'detail': detail})}",
+        f"  failed: {_flow({'final': True, 'outcome': 'failed', 'detail': '{why}'})}",
+        "",
+    ]
+
+
+def _flow(value: Any) -> str:
+    """YAML in one line; texts in quotes where they could be read as something else."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, str) and _PLAIN.fullmatch(value):
+        return value
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _free(wanted: str, taken: set[str]) -> str:
+    """A state's name that is like it and not taken yet."""
+    name = base = re.sub(r"\W+", "_", wanted)
+    while name in taken:
+        name = f"{base}_{len(taken)}"
+    taken.add(name)
+    return name

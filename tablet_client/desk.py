@@ -13,7 +13,8 @@ from typing import Any
 
 from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
 
-from handrail.messages import AnswerPrompt, ClearStop, Enable, GetPlan, Message
+from handrail.messages import AnswerPrompt, ClearStop, Enable, GetPlan, ListLibrary, MakePlan, Message
+from tablet_client.bench_desk import BenchDesk
 from tablet_client.models.arrivals import Inbox
 from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_of
 from tablet_client.models.prompts import lets_go
@@ -91,12 +92,14 @@ class Desk(QObject):
         self._session: Session | None = None
         self._journal = JournalList(situation)
         self._run = RunDesk(situation, self._send)
+        self._bench = BenchDesk(situation, stage, self._tell, self._soon)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
         self._ghost_time = 0.0
         self._last_look = self._frame_since = time.monotonic()
         self._frame_out = False
+        self._library_asked = False
         self._look = QTimer(self, singleShot=True, interval=frame)
         self._look.timeout.connect(self.look)
         self._arrived.connect(self._soon, Qt.ConnectionType.QueuedConnection)
@@ -131,6 +134,10 @@ class Desk(QObject):
     @Property(float, notify=ghostTimeChanged)
     def ghostTime(self) -> float:
         return self._ghost_time
+
+    @Property(QObject, constant=True)
+    def bench(self) -> BenchDesk:
+        return self._bench
 
     @Property(QObject, constant=True)
     def journal(self) -> JournalList:
@@ -173,6 +180,13 @@ class Desk(QObject):
             self._session.send(call)
             self._soon()
 
+    def _tell(self, call: Message) -> None:
+        """Send what need not be shown as on its way: streams of edits are shown by what they edit."""
+        if isinstance(call, MakePlan):
+            self._send(call)
+        elif self._session is not None:
+            self._session.send(call)
+
     # -------------------------------------------------------------------------------------------------------- looking
 
     @Slot()
@@ -193,24 +207,29 @@ class Desk(QObject):
             return
         for item in self.inbox.take():
             self.situation.take(item)
-        plans = self.situation.plans
+        plans, busy = self.situation.plans, False
         if self._session is not None and (plan := plans.want()):
             self._session.send(GetPlan(id=plan))
         if self._session is not None and self.situation.link.engine:
             for call in self.situation.task.tree.want(now):
                 self._session.send(call)
+            busy = self._bench.send(now)
+            if not self._library_asked:
+                self._library_asked = True
+                self._session.send(ListLibrary())
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
         self._frame_out, self._frame_since = self._stage.show(self.situation), now
         self._build()
         self._journal.refresh()
-        if plans.shown is not None and plans.playing and self._stage.loaded:
+        if busy or (plans.shown is not None and plans.playing and self._stage.loaded):
             self._look.start()
 
     def _build(self) -> None:
         self._announce("_header", self._build_header(), self.headerChanged)
         self._run.build()
+        self._bench.build()
         self._announce("_prompt", self._build_prompt(), self.promptChanged)
         self._announce("_ghost", self._build_ghost(), self.ghostChanged)
         self._announce("_ghost_time", self.situation.plans.time, self.ghostTimeChanged)

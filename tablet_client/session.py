@@ -1,11 +1,11 @@
 """One connection to a robot: attaches early or late, survives the link going away, and keeps the network off the window's thread.
 
-Four threads, none of which the window ever waits for:
+Five threads, none of which the window ever waits for:
 
 - *keeper*: fetches the snapshot that a late client needs, then asks for the status once a second to know that the robot is still
   there; after an interruption it fetches the snapshot again.
 - *listener*: receives events, and tells the keeper when they began anew.
-- *caller*: sends the operator's calls, one after the other.
+- *caller*: sends the operator's calls, one after the other; *planner* those that may take long, so that none waits behind them.
 - *stopper*: sends STOP and nothing else, on a connection of its own, so that neither a call that waits for its answer nor a window
   that draws nothing any more is in its way. It repeats until the robot answers.
 
@@ -32,11 +32,13 @@ from handrail.messages import (
     Instances,
     InstanceState,
     LogLine,
+    MakePlan,
     Message,
     PlanPreview,
     PointCloud,
     Prompt,
     PromptClosed,
+    Reach,
     RobotInfo,
     RobotState,
     RunState,
@@ -59,8 +61,10 @@ EVENTS = (
     PromptClosed,
     LogLine,
     PointCloud,
+    Reach,
 )
 
+_LONG = (MakePlan,)
 _HEARTBEAT = 1.0  # s
 _RETRY = 1.0  # s
 _TIMEOUT = 3.0  # s, of the keeper's calls
@@ -92,6 +96,7 @@ class Session:
         self._anew = threading.Event()
         self._nudge = threading.Event()
         self._calls: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self._plans: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         self._stop_wanted = threading.Event()
         self._stop_reason = ""
         self._threads = [
@@ -99,7 +104,8 @@ class Session:
             for name, target in (
                 ("keeper", self._keep),
                 ("listener", self._listen),
-                ("caller", self._call),
+                ("caller", lambda: self._call(self._calls)),
+                ("planner", lambda: self._call(self._plans)),
                 ("stopper", self._stop),
             )
         ]
@@ -112,6 +118,7 @@ class Session:
         """End the threads, waiting at most `timeout` s for each; a call that is still out there is abandoned."""
         self._over.set()
         self._calls.put(None)
+        self._plans.put(None)
         self._stop_wanted.set()
         self._nudge.set()
         self._client.close()
@@ -121,7 +128,7 @@ class Session:
 
     def send(self, call: Message) -> None:
         """Send a call; its answer, or why there is none, arrives in the inbox."""
-        self._calls.put(call)
+        (self._plans if isinstance(call, _LONG) else self._calls).put(call)
 
     def stop(self, reason: str) -> None:
         """Send STOP now, and again until it is answered. Returns at once, and never waits for another call."""
@@ -193,8 +200,8 @@ class Session:
                 else:
                     self._inbox.put(event)
 
-    def _call(self) -> None:
-        while (call := self._calls.get()) is not None:
+    def _call(self, calls: queue.SimpleQueue[Message | None]) -> None:
+        while (call := calls.get()) is not None:
             try:
                 self._inbox.put(arrivals.CallDone(call, self._client.call(call)))
             except RefusedError as error:

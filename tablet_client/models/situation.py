@@ -9,6 +9,7 @@ from typing import Any
 from handrail import messages
 from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
+from tablet_client.models.bench import Bench
 from tablet_client.models.clouds import Clouds
 from tablet_client.models.journal import Journal, Level
 from tablet_client.models.link import Link
@@ -32,6 +33,9 @@ class Situation:
         self.prompts = Prompts()
         self.plans = Plans()
         self.world = World()
+        self.bench = Bench(self.world)
+        self.library: list[messages.LibraryEntry] = []
+        """the robot's programs and templates"""
         self.clouds = Clouds()
         self.journal = Journal()
         self.pending: set[str] = set()
@@ -85,6 +89,7 @@ class Situation:
             return
         if isinstance(item, arrivals.Unanswered | arrivals.EngineDetached):
             self.task.tree.detached()
+            self.bench.detached()
         if isinstance(item, arrivals.Unanswered):
             self.pending.clear()
             self.note("error", "detached", item.why)
@@ -99,6 +104,7 @@ class Situation:
         if self.robot.info is not None and self.robot.info.name != item.info.name:
             self.clouds.clear()
         self.robot.attach(item.info, item.status)
+        self.bench.arms = tuple(item.info.arms)
         self._link_news(item)
 
     def _engine_attached(self, item: arrivals.EngineAttached) -> None:
@@ -119,6 +125,13 @@ class Situation:
             self.task.take(item.answer)
         elif isinstance(item.answer, messages.Outline | messages.RunHistory):
             self.task.tree.take(item.answer)
+        elif isinstance(item.answer, messages.InstanceState):
+            self.world.take(item.answer)
+        elif isinstance(item.answer, messages.Reach):
+            self.bench.take(item.answer)
+        elif isinstance(item.answer, messages.Library):
+            self.library = item.answer.entries
+        self.bench.edits.answered(item.call)
 
     def _call_failed(self, item: arrivals.CallFailed) -> None:
         name = type(item.call).__name__
@@ -126,6 +139,10 @@ class Situation:
         if isinstance(item.call, AnswerPrompt):
             self.prompts.failed(item.call, item.why)
         self.task.tree.failed(item.call, item.refused)
+        self.bench.edits.refused(item.call)
+        if isinstance(item.call, messages.GetReach):
+            self.bench.refused(item.why)
+            return  # said beside the waypoints
         self.note("warning" if item.refused else "error", "refused" if item.refused else "unanswered", name, item.why)
 
     def _stop_progress(self, item: arrivals.StopProgress) -> None:
@@ -194,6 +211,9 @@ class Situation:
     def _instance(self, state: messages.InstanceState) -> None:
         self.world.take(state)
 
+    def _reach(self, reach: messages.Reach) -> None:
+        self.bench.take(reach)
+
     def _log(self, line: messages.LogLine) -> None:
         self.note(line.level, "log", line.text, line.source)
 
@@ -220,4 +240,5 @@ _HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
     messages.PlanPreview: Situation._plan,
     messages.InstanceState: Situation._instance,
     messages.LogLine: Situation._log,
+    messages.Reach: Situation._reach,
 }

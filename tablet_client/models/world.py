@@ -12,9 +12,13 @@ class World:
         self.instances: dict[str, InstanceState] = {}
 
     def replace(self, instances: list[InstanceState]) -> None:
-        self.instances = {state.name: state for state in instances if not state.removed}
+        self.instances.clear()
+        self.instances.update((state.name, state) for state in instances if not state.removed)
 
     def take(self, state: InstanceState) -> None:
+        known = self.instances.get(state.name)
+        if known is not None and state.version < known.version:
+            return  # an answer that an event has overtaken
         if state.removed:
             self.instances.pop(state.name, None)
         else:

@@ -11,7 +11,7 @@ AbstractButton {
     property bool big: false
     property bool held: false // does not react yet, though it looks as it will
 
-    readonly property color _fill: !_usable ? "transparent"
+    readonly property color _fill: !_usable ? Theme.panel
         : tone === "primary" ? (down ? Qt.darker(Theme.accentDeep, 1.25) : Theme.accentDeep)
         : tone === "danger" ? (down ? "#5a1c1a" : "#43191a")
         : down || checked ? Theme.pressed : Theme.raised
@@ -34,7 +34,7 @@ AbstractButton {
         color: button._fill
         border.width: button.visualFocus ? 2 : 1
         border.color: button.visualFocus ? Theme.accent
-            : !button._usable ? Theme.line
+            : button.checked ? Theme.accent : !button._usable ? Theme.line
             : button.tone === "primary" ? Theme.accent
             : button.tone === "danger" ? "#8d3431" : Theme.line
     }

@@ -12,6 +12,12 @@ Node {
     property real distance: 2.25
     property vector3d focus: Qt.vector3d(0.24, -0.12, 0.1) // world: z up
 
+    readonly property vector3d eye: { // world
+        const y = yaw * Math.PI / 180, p = pitch * Math.PI / 180
+        const back = Qt.vector3d(Math.cos(p) * Math.sin(y), -Math.cos(p) * Math.cos(y), -Math.sin(p))
+        return focus.plus(back.times(distance))
+    }
+
     readonly property int _glide: 260
 
     function orbit(dx, dy) {

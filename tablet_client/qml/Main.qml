@@ -60,12 +60,17 @@ Window {
                     id: tabs
                     objectName: "tabs"
                     Layout.fillWidth: true
+                    // What is selected is what one wants to see more of.
+                    readonly property string selected: desk.bench.view.selected
+                    onSelectedChanged: if (selected && !desk.prompt.open) page = "objects"
                     pages: [
                         { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
+                        { name: "objects", title: qsTr("Objects"), mark: "" },
                         { name: "journal", title: qsTr("History"), mark: "" },
                     ]
                 }
                 TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
+                ObjectsPanel { visible: tabs.page === "objects"; Layout.fillWidth: true; Layout.fillHeight: true }
                 JournalPanel { visible: tabs.page === "journal"; Layout.fillWidth: true; Layout.fillHeight: true; clip: true }
             }
         }

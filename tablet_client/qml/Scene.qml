@@ -9,6 +9,12 @@ View3D {
     property int smoothing: 0 // 0: none, 1: when nothing moves, 2: always, 3: for pictures
     property alias rig: rig
 
+    // The camera, for models/view.py.
+    function seen() {
+        return { x: rig.focus.x, y: rig.focus.y, z: rig.focus.z, yaw: rig.yaw, pitch: rig.pitch, distance: rig.distance,
+                 field: rig.camera.fieldOfView, width: view.width, height: view.height }
+    }
+
     onSmoothingChanged: update() // a scene that stands still would keep its old edges
     objectName: "scene"
     camera: rig.camera
@@ -64,6 +70,48 @@ View3D {
             }
         }
         Repeater3D {
+            model: stage.waypoints
+            Model {
+                required property string name
+                required property vector3d place
+                required property quaternion turn
+                required geometry
+                objectName: "waypoint_" + name
+                position: place
+                rotation: turn
+                castsShadows: false
+                materials: cloudMaterial
+            }
+        }
+        Model {
+            objectName: "way"
+            geometry: stage.way
+            castsShadows: false
+            materials: cloudMaterial
+        }
+        // The handle is as large on the screen wherever it stands: models/handle.py has the same share.
+        Node {
+            id: handle
+            objectName: "handle"
+            visible: stage.selected !== ""
+            position: stage.handle
+            rotation: stage.handleTurn
+            readonly property real length: Math.max(0.02, 0.17 * rig.eye.minus(stage.handle).length())
+            scale: Qt.vector3d(length, length, length)
+            Repeater3D {
+                model: stage.handles
+                Model {
+                    required property string name
+                    required geometry
+                    objectName: "handle_" + name
+                    castsShadows: false
+                    receivesShadows: false
+                    depthBias: -1000
+                    materials: desk.bench.hot === name ? hotMaterial : handleMaterial
+                }
+            }
+        }
+        Repeater3D {
             model: stage.ghost
             Model {
                 required property string name
@@ -108,6 +156,14 @@ View3D {
         vertexColorsEnabled: true
         cullMode: PrincipledMaterial.NoCulling
     }
+    PrincipledMaterial { // transparent in name only: so it is drawn after everything else
+        id: handleMaterial
+        lighting: PrincipledMaterial.NoLighting
+        vertexColorsEnabled: true
+        alphaMode: PrincipledMaterial.Blend
+        depthDrawMode: Material.NeverDepthDraw
+    }
+    PrincipledMaterial { id: hotMaterial; lighting: PrincipledMaterial.NoLighting; baseColor: "white" }
     component Ghostly: PrincipledMaterial {
         property color tint
         baseColor: Qt.rgba(tint.r, tint.g, tint.b, 0.42)

@@ -33,8 +33,20 @@ Rectangle {
         Accessible.role: Accessible.Graphic
         Accessible.name: qsTr("The robot and its surroundings. Arrow keys turn the view, plus and minus zoom, digits choose a view, C shows what the camera sees.")
 
+        // A finger that comes down on the handle of what is selected drags that, and nothing else.
+        PointHandler {
+            id: finger
+            readonly property bool grasps: desk.bench.hot !== ""
+            acceptedButtons: Qt.LeftButton
+            onActiveChanged: {
+                if (active) desk.bench.grasp(point.position.x - 1, point.position.y - 1, scene.seen())
+                else desk.bench.release()
+            }
+            onPointChanged: if (active && grasps) desk.bench.drag(point.position.x - 1, point.position.y - 1, scene.seen())
+        }
         DragHandler {
             property point last
+            enabled: !finger.grasps
             target: null
             acceptedButtons: Qt.LeftButton
             maximumPointCount: 1
@@ -56,6 +68,7 @@ Rectangle {
             }
         }
         PinchHandler {
+            enabled: !finger.grasps
             target: null
             onScaleChanged: delta => scene.rig.zoom(delta)
             onTranslationChanged: delta => scene.rig.pan(delta.x, delta.y, scene.height)
@@ -64,7 +77,11 @@ Rectangle {
             acceptedDevices: PointerDevice.Mouse | PointerDevice.TouchPad
             onWheel: event => scene.rig.zoom(Math.pow(1.12, event.angleDelta.y / 120))
         }
-        TapHandler { onDoubleTapped: scene.rig.preset("robot") }
+        TapHandler {
+            enabled: !finger.grasps
+            onSingleTapped: point => desk.bench.tap(point.position.x - 1, point.position.y - 1, scene.seen())
+            onDoubleTapped: scene.rig.preset("robot")
+        }
 
         Keys.onLeftPressed: scene.rig.orbit(30, 0)
         Keys.onRightPressed: scene.rig.orbit(-30, 0)
@@ -128,7 +145,8 @@ Rectangle {
         }
     }
     Column {
-        anchors { top: views.bottom; left: parent.left; right: parent.right; margins: Theme.gap }
+        anchors { top: views.bottom; left: parent.left; right: parent.right; margins: Theme.gap
+                  topMargin: Theme.gap + (desk.bench.view.selected ? Theme.touch + Theme.gap : 0) }
         Text {
             objectName: "baseUnknown"
             width: parent.width
@@ -153,6 +171,7 @@ Rectangle {
             }
         }
     }
+    ContextBar { anchors { top: views.bottom; left: parent.left; margins: Theme.gap } }
     GhostBar { anchors { left: parent.left; right: parent.right; bottom: parent.bottom; margins: Theme.gap } }
     EmptyScene { anchors.fill: parent }
 }

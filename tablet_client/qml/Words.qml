@@ -59,6 +59,10 @@ QtObject {
             stale_others_moved: qsTr("another joint has moved"),
             stale_base_moved: qsTr("robot's base has moved"),
             stale_base_unknown: qsTr("robot's place not known"),
+            nothing_selected: qsTr("tap a template"),
+            nothing_done: qsTr("nothing to undo"),
+            nothing_undone: qsTr("nothing undone"),
+            no_trajectory: qsTr("has no trajectory"),
             sending: qsTr("sending …"),
         })[code] ?? (code.startsWith("stale_") ? qsTr("plan is stale") : code)
     }
@@ -113,6 +117,15 @@ QtObject {
             paused: qsTr("Next: Resume goes on where it stopped; Step goes on to the next thing it does."),
             paused_before: qsTr("Next: Resume lets it go on; Step does only what comes next; Skip leaves it out."),
         })[code] ?? code
+    }
+
+    // Whether an arm can get to a waypoint.
+    function reach(state) {
+        return ({ reached: qsTr("within reach"), near: qsTr("near a limit"), not: qsTr("out of reach") })[state] || qsTr("not known")
+    }
+
+    function reachColor(state) {
+        return ({ reached: Theme.good, near: Theme.warning, not: Theme.danger })[state] || Theme.faint
     }
 
     // How a state of the program stands.

@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Property, QObject, Signal, Slot
-from PySide6.QtGui import QVector3D
+from PySide6.QtGui import QQuaternion, QVector3D
 
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
 from handrail.config import ConfigError
 from handrail.messages import InstanceState, Pose
 from handrail.robot.description import RobotDescription
+from tablet_client.models import handle
+from tablet_client.models.bench import Bench
 from tablet_client.models.clouds import Seen
 from tablet_client.models.plans import Track
 from tablet_client.models.situation import Situation
+from tablet_client.scene import marks, solids
 from tablet_client.scene import robot as drawn
-from tablet_client.scene import solids
-from tablet_client.scene.bodies import Bodies
+from tablet_client.scene.bodies import Bodies, placed
 from tablet_client.scene.geometry import CloudGeometry, LineGeometry, MeshGeometry
 from tablet_client.scene.meshes import EMPTY, Mesh
 
@@ -60,6 +62,13 @@ class Stage(QObject):
         self._asked = ""
         self._state, self._problem, self._progress = "none", "", 0.0
         self._bodies, self._ghost, self._templates, self._clouds = Bodies(), Bodies(), Bodies(), Bodies()
+        self._waypoints, self._way = Bodies(), MeshGeometry()
+        self._markers = {state: MeshGeometry(marks.waypoint(state)) for state in marks.STATES}
+        self._marked: tuple[object, ...] = ()
+        self._handles = Bodies()
+        self._handles.replace([(part, MeshGeometry(marks.part(part))) for part in handle.PARTS])
+        self._handle, self._handle_turn = QVector3D(), QQuaternion()
+        self._selected = ""
         self._cloud_on = True
         self._drawn_clouds: dict[str, Seen] = {}
         self._trail = MeshGeometry()
@@ -67,6 +76,7 @@ class Stage(QObject):
         self._geometries: list[MeshGeometry] = []
         self._drawn_instances: dict[str, InstanceState] = {}
         self._problems: dict[str, str] = {}
+        self._meshes: dict[str, Mesh] = {}
         self._drawn_pose: tuple[object, ...] = ()
         self._drawn_position, self._drawn_base = np.zeros(0), np.eye(4)
         self._base_source, self._base_problem = "fixed", ""
@@ -86,6 +96,14 @@ class Stage(QObject):
     templates = Property(QObject, _get("_templates"), constant=True)
     clouds = Property(QObject, _get("_clouds"), constant=True)
     cloudOn = Property(bool, _get("_cloud_on"), notify=changed)
+    waypoints = Property(QObject, _get("_waypoints"), constant=True)
+    way = Property(QObject, _get("_way"), constant=True)
+    handles = Property(QObject, _get("_handles"), constant=True)
+    """the parts of the handle"""
+    handle = Property(QVector3D, _get("_handle"), notify=changed)
+    """m, world: where the handle of the selected instance stands"""
+    handleTurn = Property(QQuaternion, _get("_handle_turn"), notify=changed)
+    selected = Property(str, _get("_selected"), notify=changed)
     trail = Property(QObject, _get("_trail"), constant=True)
     grid = Property(QObject, _get("_grid"), constant=True)
     state = Property(str, _get("_state"), notify=changed)
@@ -116,7 +134,8 @@ class Stage(QObject):
         info, state = situation.robot.info, situation.robot.state
         if info is not None and info.name != self._asked:
             self._load(info.name)
-        moved = self._show_instances(situation.world.instances)
+        moved = self._show_instances(situation.bench.shown())
+        moved |= self._show_bench(situation.bench)
         moved |= self._show_clouds(situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
@@ -136,6 +155,14 @@ class Stage(QObject):
         self._bodies.pose(poses)
         self._show_ghost(situation, position, poses)
         return True
+
+    def solids(self) -> list[tuple[str, np.ndarray, np.ndarray]]:
+        """Every instance as it is drawn: name, vertices (n, 3) m in the world, triangles (f, 3)."""
+        found = []
+        for name, state in self._drawn_instances.items():
+            mesh = self._meshes.get(name, EMPTY).transformed(_matrix(state.pose_in_world))
+            found.append((name, mesh.vertices.astype(float), mesh.faces))
+        return found
 
     @Slot(bool)
     def showCloud(self, on: bool) -> None:
@@ -273,7 +300,7 @@ class Stage(QObject):
         if list(instances) != self._templates.names():
             self._templates.replace([(name, MeshGeometry()) for name in instances])
             self._drawn_instances = {}
-            self._problems = {}
+            self._problems, self._meshes = {}, {}
         poses = []
         for row, (name, state) in enumerate(instances.items()):
             before = self._drawn_instances.get(name)
@@ -282,12 +309,37 @@ class Stage(QObject):
                 assert isinstance(geometry, MeshGeometry)
                 mesh, self._problems[name] = _template(state)
                 geometry.show(mesh)
+                self._meshes[name] = mesh
             poses.append(_matrix(state.pose_in_world))
         self._templates.pose(np.array(poses))
         self._drawn_instances = dict(instances)
         first = next(iter(instances.values()), None)
         if first is not None:
             self._focus = QVector3D(*first.pose_in_world.position)
+        self.changed.emit()
+        return True
+
+    # ---------------------------------------------------------------------------------------------------------- bench
+
+    def _show_bench(self, bench: Bench) -> bool:
+        """The handle and the waypoints of the selected instance. True when something changed."""
+        pose, waypoints = bench.pose, bench.waypoints
+        key: tuple[object, ...] = (bench.selected, None if pose is None else pose.tobytes(), bench.chosen)
+        key += tuple((each.name, each.reach.state if each.reach else "") for each in waypoints)
+        key += tuple(each.pose.tobytes() for each in waypoints)
+        if key == self._marked:
+            return False
+        self._marked = key
+        self._selected = "" if pose is None else bench.selected
+        if pose is not None:
+            self._handle, self._handle_turn = placed(pose)
+        states = [each.reach.state if each.reach else "" for each in waypoints]
+        self._waypoints.replace(
+            [(each.name, self._markers[state]) for each, state in zip(waypoints, states, strict=True)]
+        )
+        self._waypoints.pose(np.array([each.pose for each in waypoints]).reshape(-1, 4, 4))
+        line = np.array([each.pose[:3, 3] for each in waypoints]).reshape(-1, 3)
+        self._way.show(solids.tube(line, 0.0015, marks.WAY))
         self.changed.emit()
         return True
 

@@ -30,12 +30,17 @@ from handrail.messages import (
     GetInstances,
     GetOutline,
     GetPlan,
+    GetReach,
     GetRobot,
     GetRunHistory,
     GetStatus,
     Instances,
     InstanceState,
+    Library,
+    LibraryEntry,
+    ListLibrary,
     LoopStatistics,
+    MoveInstance,
     Outline,
     OutlineState,
     PlanPreview,
@@ -44,16 +49,20 @@ from handrail.messages import (
     Pose,
     Prompt,
     PromptClosed,
+    Reach,
     Refused,
     RobotInfo,
     RobotState,
     RunHistory,
     RunState,
+    SetParameters,
     StateVisit,
     Stop,
+    WaypointReach,
 )
 from handrail.robot import library as robots
 from handrail.topics import RefusedError, Unreachable
+from tests.tablet.shown import Shown
 
 WHEEL = Pose(position=(0.55, -0.35, 0.30))
 
@@ -180,6 +189,27 @@ class FakeRobot:
         }
         return RunState(**{**fields, **changes})
 
+    def edited(self, name: str, **changes: Any) -> InstanceState:
+        """An instance with something changed, as its engine answers and tells."""
+        old = next(each for each in self.instances if each.name == name)
+        if "parameters" in changes:
+            changes["parameters"] = {**old.parameters, **changes["parameters"]}
+        new = msgspec.structs.replace(old, version=old.version + 1, **changes)
+        self.instances = [new if each is old else each for each in self.instances]
+        self.publish(new)
+        return new
+
+    def reach(self, call: GetReach) -> Reach:
+        """One waypoint is within reach, one near a limit, one is not; of the others nothing is told."""
+        told = [
+            WaypointReach(name="approach", state="reached"),
+            WaypointReach(name="engage", state="near", constraint="joint limits", about="elbow", by=0.05, unit="rad"),
+            WaypointReach(name="turn", state="not", constraint="clearance", about="arm and rim", by=0.021, unit="m"),
+        ]
+        return Reach(
+            instance=call.instance, version=1, trajectory=call.trajectory, arm=call.arm, waypoints=told, settled=True
+        )
+
     def outline(self) -> Outline:
         """The states of what it runs, as turn_valve has them."""
         states = [
@@ -230,7 +260,7 @@ class FakeRobot:
                 groups={name: list(joints) for name, joints in self.description.groups.items()},
                 tools={name: arm.tip for name, arm in arms.items()},
                 tips={},
-                arms={},
+                arms={name: list(arm.joints) for name, arm in arms.items()},
                 home=self.description.home,
                 period_ns=self.description.period_ns,
             ),
@@ -240,6 +270,10 @@ class FakeRobot:
             ),
             GetInstances: lambda: Instances(instances=self.instances),
             GetPlan: lambda: self.answers_plan,
+            MoveInstance: lambda: self.edited(call.name, pose_in_world=call.pose_in_world),
+            SetParameters: lambda: self.edited(call.name, parameters=call.parameters),
+            ListLibrary: lambda: Library(entries=[LibraryEntry(name="wheel", kind="template")]),
+            GetReach: lambda: self.reach(call),
             GetOutline: self.outline,
             GetRunHistory: lambda: RunHistory(run=self.run.run if self.run else "", visits=self.visits),
         }
@@ -328,3 +362,24 @@ def screen() -> Iterator[str]:
 @pytest.fixture(scope="session")
 def mesh_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("meshes")
+
+
+@pytest.fixture(scope="session")
+def qt(screen: str) -> None:
+    os.environ.update(DISPLAY=screen, QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic")
+    from tablet_client.window import application
+
+    application()
+
+
+@pytest.fixture
+def show(qt: None, robot: Any, mesh_folder: Path) -> Iterator[Callable[..., Shown]]:
+    opened: list[Shown] = []
+
+    def make(**arguments: Any) -> Shown:
+        opened.append(Shown(robot, mesh_folder, **arguments))
+        return opened[-1]
+
+    yield make
+    for shown in opened:
+        shown.close()

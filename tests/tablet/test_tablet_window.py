@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, get_args
 
 import pytest
@@ -32,12 +30,14 @@ from handrail.messages import (
     StopRun,
     TakeTransition,
 )
+from tests.tablet.shown import Shown, distance
 
 pytestmark = pytest.mark.window
 
 # Codes that the models may show, as they are in tablet_client/models.
 REASONS = [
     *("no_robot", "no_engine", "no_program", "stopped", "not_stopped", "already_enabled", "not_enabled", "sending"),
+    *("nothing_selected", "nothing_done", "nothing_undone", "no_trajectory"),
     *("already_paused", "not_paused", "not_running", "run_over", "run_under_way", "no_state", "plan_missing", "stale"),
     *(f"stale_{cause}" for cause in get_args(StaleCause)),
 ]
@@ -50,135 +50,6 @@ JOURNAL = [
 ]
 
 
-class Shown:
-    """An open window, its session, and a finger."""
-
-    def __init__(self, robot: Any, meshes: Path, describe: Callable[[str], Any] | None = None):
-        from PySide6.QtTest import QTest
-
-        from tablet_client.session import Session
-        from tablet_client.window import open_window
-
-        self.robot, self.test = robot, QTest
-        self.opened = open_window(
-            "tcp://somewhere:47800",
-            describe or (lambda _: robot.description),
-            meshes,
-            size=(1024, 640),
-            antialiasing=0,
-            operator="Ada",
-        )
-        self.window, self.desk = self.opened.window, self.opened.desk
-        self.session = Session(robot.connect, self.desk.inbox, heartbeat=0.05, retry=0.05)
-        self.desk.serve(self.session)
-        self.session.start()
-        self.until(self.window.isExposed)
-
-    def turn(self, seconds: float = 0.01) -> None:
-        """Let the window work. QTest.qWait would keep Python's lock, and the session's threads would starve."""
-        from PySide6.QtCore import QEventLoop, QTimer
-
-        loop = QEventLoop()
-        QTimer.singleShot(round(seconds * 1000), loop.quit)
-        loop.exec()
-
-    def until(self, holds: Callable[[], Any], seconds: float = 60.0) -> Any:
-        """Let the window work until something holds; returns what it became."""
-        deadline = time.monotonic() + seconds
-        while not (value := holds()):
-            assert time.monotonic() < deadline, "did not happen in time"
-            self.turn()
-        return value
-
-    def drawn(self) -> Shown:
-        """Waits until the robot is there."""
-        self.until(lambda: self.opened.stage.property("state") == "ready")
-        return self
-
-    def find(self, name: str) -> Any:
-        from PySide6.QtCore import QObject
-
-        found = self.window.findChild(QObject, name)
-        assert found is not None, f"no {name} in the window"
-        return found
-
-    def item(self, name: str) -> Any:
-        """An item by its name; those that a Repeater made are not the window's QObject children."""
-        queue = [self.window.contentItem()]
-        while queue:
-            item = queue.pop()
-            if item.objectName() == name:
-                return item
-            queue += item.childItems()
-        raise AssertionError(f"no {name} in the window")
-
-    def all_items(self) -> Iterator[Any]:
-        queue = [self.window.contentItem()]
-        while queue:
-            item = queue.pop()
-            if item.isVisible():
-                yield item
-                queue += item.childItems()
-
-    def middle(self, name: str) -> Any:
-        from PySide6.QtCore import QPointF
-
-        item = self.item(name)
-        return item.mapToScene(QPointF(item.width() / 2, item.height() / 2)).toPoint()
-
-    def press(self, name: str) -> None:
-        from PySide6.QtCore import Qt
-
-        self.until(lambda: self.item(name).isEnabled())
-        self.turn(0.02)  # let the layout settle
-        self.test.mouseClick(self.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, self.middle(name))
-
-    def key(self, key: Any) -> None:
-        self.test.keyClick(self.window, key)
-
-    def words(self, expression: str) -> Any:
-        """A QML expression's value."""
-        from PySide6.QtQml import QQmlExpression, qmlContext
-
-        asked = QQmlExpression(qmlContext(self.find("emptyTitle")), self.find("emptyTitle"), expression)
-        value, _ = asked.evaluate()
-        assert not asked.hasError(), asked.error().toString()
-        return value
-
-    def node(self, name: str) -> tuple[float, float, float]:
-        """Where a node of the scene stands in the world, m."""
-        from PySide6.QtCore import QObject
-
-        place = self.find("scene").findChild(QObject, name).property("scenePosition")
-        return place.x(), -place.z(), place.y()  # Quick 3D has y up
-
-    def close(self) -> None:
-        self.robot.released.set()
-        self.session.close()
-        self.opened.close()
-
-
-@pytest.fixture(scope="session")
-def qt(screen: str) -> None:
-    os.environ.update(DISPLAY=screen, QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic")
-    from tablet_client.window import application
-
-    application()
-
-
-@pytest.fixture
-def show(qt: None, robot: Any, mesh_folder: Path) -> Iterator[Callable[..., Shown]]:
-    opened: list[Shown] = []
-
-    def make(**arguments: Any) -> Shown:
-        opened.append(Shown(robot, mesh_folder, **arguments))
-        return opened[-1]
-
-    yield make
-    for shown in opened:
-        shown.close()
-
-
 @pytest.fixture
 def asking(robot: Any, show: Callable[..., Shown]) -> Shown:
     """A window on a robot that asks whether it may execute a fresh plan."""
@@ -187,10 +58,6 @@ def asking(robot: Any, show: Callable[..., Shown]) -> Shown:
     shown = show()
     shown.until(lambda: shown.item("promptCard").isVisible())
     return shown
-
-
-def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    return sum((a - b) ** 2 for a, b in zip(one, other, strict=True)) ** 0.5
 
 
 def scrolled_by(item: Any) -> Any:

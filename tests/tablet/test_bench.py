@@ -1,0 +1,184 @@
+"""Editing template instances: what is sent when, what is shown meanwhile, what can be taken back. Without a screen."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+
+from handrail.messages import (
+    GetEngine,
+    GetReach,
+    GetRobot,
+    MoveInstance,
+    PlaceInstance,
+    Pose,
+    Reach,
+    RemoveInstance,
+    SetParameters,
+)
+from tablet_client.models import arrivals
+from tablet_client.models.situation import Situation
+
+
+@pytest.fixture
+def situation(robot) -> Situation:
+    """Attached, with a wheel that is selected."""
+    made = Situation("tcp://somewhere:47800")
+    made.take(arrivals.Attached(robot.answer(GetRobot()), robot.status()))
+    robot.instances = [robot.wheel()]
+    made.take(arrivals.EngineAttached(robot.answer(GetEngine())))
+    made.bench.select("wheel_1")
+    return made
+
+
+def at(x: float) -> Pose:
+    return Pose(position=(x, 0.0, 0.3))
+
+
+def carry(situation: Situation, robot, now: float) -> list:
+    """Send what is due, and take the answers."""
+    calls = [call for call in situation.bench.edits.want(now)]
+    for call in calls:
+        situation.take(arrivals.CallDone(call, robot.answer(call)))
+    return calls
+
+
+def test_of_a_drag_the_latest_place_is_sent_one_call_at_a_time_and_thirty_times_a_second_at_most(situation, robot):
+    edits = situation.bench.edits
+    edits.drag("wheel_1", at(0.50))
+    (first,) = edits.want(0.0)
+    for step in range(20):
+        edits.drag("wheel_1", at(0.51 + step / 1000))
+    assert edits.want(0.02) == [], "one is under way"
+    situation.take(arrivals.CallDone(first, robot.answer(first)))
+    assert edits.want(0.02) == [], "too soon after the one before"
+    assert edits.want(0.034) == [MoveInstance(name="wheel_1", pose_in_world=at(0.529))]
+
+
+def test_what_is_dragged_is_shown_where_the_finger_is_before_the_robot_has_answered(situation, robot):
+    bench = situation.bench
+    bench.edits.drag("wheel_1", at(0.7))
+    assert bench.shown()["wheel_1"].pose_in_world == at(0.7)
+    assert situation.world.instances["wheel_1"].pose_in_world != at(0.7)
+    (call,) = bench.edits.want(0.0)
+    situation.take(arrivals.CallFailed(call, "somebody else drags it", refused=True))
+    assert bench.shown()["wheel_1"] == situation.world.instances["wheel_1"]
+    assert situation.journal.entries[-1].details == ("MoveInstance", "somebody else drags it")
+
+
+def test_a_whole_drag_is_one_step_back_and_forth(situation, robot):
+    edits, before = situation.bench.edits, situation.world.instances["wheel_1"].pose_in_world
+    for step in range(5):
+        edits.drag("wheel_1", at(0.5 + step / 10))
+        carry(situation, robot, float(step))
+    edits.drop("wheel_1")
+    edits.undo()
+    carry(situation, robot, 10.0)
+    assert situation.world.instances["wheel_1"].pose_in_world == before
+    assert not edits.can_undo and edits.can_redo
+    edits.redo()
+    carry(situation, robot, 11.0)
+    assert situation.world.instances["wheel_1"].pose_in_world == at(0.9)
+
+
+def test_a_refused_edit_can_not_be_taken_back(situation):
+    situation.bench.edits.move("wheel_1", at(0.7))
+    (call,) = situation.bench.edits.want(0.0)
+    situation.take(arrivals.CallFailed(call, "no", refused=True))
+    assert not situation.bench.edits.can_undo
+
+
+def test_parameters_have_the_templates_bounds_units_and_words_and_are_changed_by_their_sliders(situation, robot):
+    bench = situation.bench
+    radius = next(each for each in bench.parameters if each.name == "radius")
+    assert (radius.value, radius.low, radius.high, radius.unit) == (0.15, 0.08, 0.40, "m")
+    assert radius.title == "from the shaft to the middle of the rim"
+    assert next(each for each in bench.parameters if each.name == "spokes").step == 1.0
+    for value in (0.16, 0.18, 0.2):
+        bench.turn("radius", value)
+    bench.edits.let_go("wheel_1", "radius")
+    assert carry(situation, robot, 0.0) == [SetParameters(name="wheel_1", parameters={"radius": 0.2})]
+    assert next(each for each in bench.parameters if each.name == "radius").value == 0.2
+    bench.edits.undo()
+    assert carry(situation, robot, 1.0) == [SetParameters(name="wheel_1", parameters={"radius": 0.15})]
+
+
+def test_numbers_are_millimetres_and_degrees_and_one_that_is_typed_leaves_the_others(situation, robot):
+    bench = situation.bench
+    assert bench.numbers == pytest.approx((550, -350, 300, 0, 0, 0))
+    assert bench.put(0, 612.5) == "" and bench.put(5, 90.0) == ""
+    assert bench.numbers == pytest.approx((612.5, -350, 300, 0, 0, 90))
+    assert bench.put(1, math.nan) == "no_number"
+    carry(situation, robot, 0.0)
+    assert situation.world.instances["wheel_1"].pose_in_world.position == pytest.approx((0.6125, -0.35, 0.3))
+
+
+def test_a_joint_that_is_looked_at_is_told_nobody(situation, robot):
+    bench = situation.bench
+    assert [each.name for each in bench.joints] == ["hinge"]
+    before = bench.waypoints
+    bench.look_at("hinge", 1.0)
+    assert bench.shown()["wheel_1"].joint_state == {"hinge": 1.0} and bench.looked
+    assert len(bench.waypoints) == len(before)
+    assert bench.edits.want(0.0) == []
+    bench.look_away()
+    assert bench.shown()["wheel_1"].joint_state == {"hinge": 0.3}
+
+
+def test_waypoints_stand_in_the_world_and_say_which_can_be_reached_while_it_is_asked_for(situation, robot):
+    bench = situation.bench
+    asked = [call for call in bench.want(0.0) if isinstance(call, GetReach)]
+    assert [(each.instance, each.trajectory, each.arm) for each in asked] == [("wheel_1", "turn", "right")]
+    assert not [call for call in bench.want(1.0) if isinstance(call, GetReach)]
+    assert [call for call in bench.want(4.1) if isinstance(call, GetReach)], "asked anew before it ends"
+    situation.take(arrivals.CallDone(asked[0], robot.answer(asked[0])))
+    told = {each.name: each.reach.state if each.reach else None for each in bench.waypoints}
+    assert (told["approach"], told["engage"], told["turn"], told["release"]) == ("reached", "near", "not", None)
+    assert bench.waypoints[0].pose[:3, 3] == pytest.approx((0.40, -0.25, 0.30))
+    bench.arm = "left"
+    assert {each.reach for each in bench.waypoints} == {None}, "of another arm nothing is known yet"
+
+
+def test_what_is_reached_by_an_arm_that_is_not_chosen_is_left_aside(situation):
+    situation.take(
+        Reach(instance="wheel_1", version=1, trajectory="turn", arm="left", waypoints=[], settled=True, problem="x")
+    )
+    assert situation.bench.reach_problem == ""
+    situation.take(arrivals.CallFailed(GetReach(instance="wheel_1", trajectory="turn"), "no such arm", refused=True))
+    assert situation.bench.reach_problem == "no such arm"
+
+
+def test_a_template_is_placed_under_a_name_of_its_own_and_removed_as_it_was(situation, robot):
+    bench = situation.bench
+    assert bench.add("wheel") == "wheel_2" and bench.copy("spare") == "spare"
+    placed = [call for call in bench.edits.want(0.0) if isinstance(call, PlaceInstance)]
+    assert [(each.name, each.template) for each in placed] == [("wheel_2", "wheel"), ("spare", "wheel")]
+    bench.edits.remove("wheel_1")
+    assert RemoveInstance(name="wheel_1") in bench.edits.want(1.0)
+    bench.edits.undo()
+    state = situation.world.instances["wheel_1"]
+    assert bench.edits.want(2.0) == [
+        PlaceInstance(name="wheel_1", template="wheel", pose_in_world=state.pose_in_world, parameters={})
+    ]
+
+
+def test_what_somebody_else_takes_away_is_no_longer_selected(situation, robot):
+    situation.take(robot.wheel(version=2, removed=True))
+    situation.bench.want(0.0)
+    assert situation.bench.selected == "" and situation.bench.state is None
+
+
+def test_an_answer_that_an_event_has_overtaken_changes_nothing(situation, robot):
+    situation.take(robot.wheel(version=5, pose_in_world=at(0.9)))
+    situation.take(arrivals.CallDone(MoveInstance(name="wheel_1", pose_in_world=at(0.8)), robot.wheel(version=4)))
+    assert situation.world.instances["wheel_1"].pose_in_world == at(0.9)
+
+
+def test_nothing_is_on_its_way_any_more_when_the_link_is_lost(situation):
+    situation.bench.edits.drag("wheel_1", at(0.7))
+    situation.take(arrivals.Unanswered(1, "gone"))
+    assert situation.bench.edits.want(9.0) == []
+    assert situation.bench.shown()["wheel_1"] == situation.world.instances["wheel_1"]
+    assert msgspec.json.encode(situation.bench.state)

@@ -1,0 +1,124 @@
+"""Templates under an operator's fingers, in the real window on a virtual screen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from handrail.messages import GetReach, MakePlan, MoveInstance, SetParameters, Stop
+from tests.tablet.shown import Shown, distance
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def selected(robot: Any, show: Any) -> Shown:
+    """A window with a wheel that was tapped on."""
+    robot.instances = [robot.wheel()]
+    shown = show().drawn()
+    shown.window.resize(1280, 800)
+    robot.publish(robot.state())
+    shown.until(lambda: shown.window.width() == 1280 and shown.find("scene").property("height") > 600)
+    x, y = spot(shown, (0.55, -0.35 + 0.15, 0.30))  # on its rim
+    from PySide6.QtCore import QPoint, Qt
+
+    shown.until(shown.opened.stage.solids)
+    shown.test.mouseClick(shown.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(x, y))
+    shown.until(lambda: shown.desk.bench.view["selected"] == "wheel_1")
+    return shown
+
+
+def spot(shown: Shown, point: tuple[float, float, float]) -> tuple[int, int]:
+    """The window's pixel that shows a point of the world, as Quick 3D itself says."""
+    from PySide6.QtCore import QPointF
+    from PySide6.QtQml import QQmlExpression, qmlContext
+
+    x, y, z = point
+    scene = shown.find("scene")
+    expression = QQmlExpression(qmlContext(scene), scene, f"mapFrom3DScene(Qt.vector3d({x}, {z}, {-y}))")
+    at, _ = expression.evaluate()
+    found = scene.mapToScene(QPointF(at.x(), at.y()))
+    return round(found.x()), round(found.y())
+
+
+def arrow(shown: Shown, axis: int) -> tuple[float, float, float]:
+    """Where the tip of an arrow of the handle on an instance that is not turned is in the world."""
+    length = shown.find("handle").property("length")
+    place = list(shown.opened.stage.property("handle").toTuple())
+    place[axis] += length
+    return tuple(place)
+
+
+def test_a_finger_drags_the_selected_template_by_its_handle_and_undo_brings_it_back(selected, robot):
+    from PySide6.QtCore import QPoint
+
+    view, before = selected.find("rig"), robot.instances[0].pose_in_world
+    turned = view.property("yaw")
+    start, end = QPoint(*spot(selected, arrow(selected, 2))), QPoint(*spot(selected, (0.55, -0.35, 0.30)))
+    apart = QPoint(12, 0)  # a finger is not exact
+    device = selected.test.createTouchDevice()
+    selected.test.touchEvent(selected.window, device).press(0, start + apart, selected.window).commit()
+    selected.until(lambda: selected.desk.bench.hot == "tz")
+    for step in range(1, 11):
+        at = start + apart + (start - end) * step / 10
+        selected.test.touchEvent(selected.window, device).move(0, at, selected.window).commit()
+        selected.turn(0.005)
+    selected.test.touchEvent(selected.window, device).release(0, at, selected.window).commit()
+    selected.until(lambda: selected.desk.bench.hot == "" and not selected.desk.situation.bench.edits.waiting)
+    selected.until(lambda: robot.instances[0].pose_in_world.position[2] > 0.4)
+    x, y, _ = robot.instances[0].pose_in_world.position
+    assert (x, y) == pytest.approx((0.55, -0.35), abs=1e-6), "along its axis alone"
+    assert view.property("yaw") == turned, "the view stays"
+    assert len(robot.calls_of(MoveInstance)) <= 12
+    selected.press("undo")
+    selected.until(lambda: robot.instances[0].pose_in_world == before)
+    selected.until(lambda: distance(selected.node("template_wheel_1"), before.position) < 1e-4)
+
+
+def test_waypoints_stand_in_the_scene_in_the_colour_of_their_reach_and_beside_it_in_words(selected, robot):
+    selected.until(lambda: robot.calls_of(GetReach))
+    selected.until(lambda: selected.item("reach_turn").property("why"))
+    assert "21 mm" in selected.item("reach_turn").property("why")
+    assert selected.node("waypoint_approach") == pytest.approx((0.40, -0.25, 0.30), abs=1e-3)
+    stage = selected.opened.stage
+    drawn = [stage.waypoints.geometry(row) for row in range(3)]
+    assert drawn[0] is stage._markers["reached"] and drawn[2] is stage._markers["near"]
+    selected.press("plan")
+    selected.until(lambda: [(call.trajectory, call.arm) for call in robot.calls_of(MakePlan)] == [("turn", "right")])
+
+
+def test_a_parameters_slider_changes_the_instance_and_what_is_drawn(selected, robot):
+    from PySide6.QtCore import Qt
+
+    slider = selected.until(lambda: selected.item("parameter_radius"))
+    slider.forceActiveFocus(Qt.FocusReason.TabFocusReason)
+    selected.key(Qt.Key.Key_Right)
+    selected.until(lambda: robot.calls_of(SetParameters))
+    assert robot.instances[0].parameters["radius"] == pytest.approx(0.15 + 0.0032)
+
+
+def test_numbers_can_be_typed_and_space_is_stop_in_their_fields_too(selected, robot):
+    from PySide6.QtCore import Qt
+
+    field = selected.item("number_z")
+    field.forceActiveFocus(Qt.FocusReason.TabFocusReason)
+    selected.until(lambda: selected.window.activeFocusItem() is not None)
+    field.setProperty("text", "")
+    for key in (Qt.Key.Key_4, Qt.Key.Key_1, Qt.Key.Key_2):
+        selected.key(key)
+    selected.key(Qt.Key.Key_Return)
+    selected.until(lambda: robot.instances[0].pose_in_world.position[2] == pytest.approx(0.412))
+    assert not robot.calls_of(Stop)
+    selected.key(Qt.Key.Key_Space)
+    selected.until(lambda: robot.calls_of(Stop))
+
+
+def test_a_tap_beside_everything_selects_nothing(selected):
+    from PySide6.QtCore import QPoint, Qt
+
+    corner = selected.middle("sceneInput") + QPoint(-380, 250)
+    selected.turn(0.6)  # not the second half of a double tap
+    selected.test.mouseClick(selected.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, corner)
+    selected.until(lambda: selected.desk.bench.view["selected"] == "")
+    assert not selected.find("handle").property("visible")

@@ -31,7 +31,7 @@ class PlanActivity(Activity):
         "waypoint": Argument(Kind.TEXT, required=False, default=""),
         "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
         "leaving": Argument(Kind.TEXT, required=False, default=""),
-        "arm": Argument(Kind.ARM),
+        "arm": Argument(Kind.ARM, required=False, default=""),
         "arc": Argument(Kind.NUMBER, required=False, unit="rad"),
         "entry_shift": Argument(Kind.NUMBER, required=False, default=0.0, unit="rad"),
         "goals": Argument(Kind.GOALS, required=False, default=()),
@@ -48,12 +48,16 @@ class PlanActivity(Activity):
     @classmethod
     def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
         """See Activity."""
+        if "arm" not in given and "joints" not in given:
+            return "arm", "missing; expected an arm, or joints that move"
         if "along" in given:
             odd = [name for name in (*_STROKE, *_ENTRY, *_TO, "goals", "through") if name in given]
             return (odd[0], "beside along; expected one of both") if odd else ("", "")
         if "goals" in given:
             odd = [name for name in (*_STROKE, *_ENTRY, *_TO) if name in given]
             return (odd[0], "beside goals; expected one of both") if odd else ("", "")
+        if "arm" not in given:
+            return "arm", "missing; a stroke needs it"
         if missing := [name for name in _STROKE if name not in given]:
             return missing[0], "missing; plan needs it (with instance, trajectory), or goals, or along"
         if odd := [name for name in _MOTION if name in given]:

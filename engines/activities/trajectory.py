@@ -1,8 +1,8 @@
 """`do: trajectory`: an arm and its hand go along a template's trajectory, one waypoint after the other.
 
 Free ways are planned, clear of everything. The last bit to an object, on a line or until a force is felt, is a compliant motion of
-the control loop, which gives way where the object is not quite where the template is; so is a push along a joint. What is held goes
-along its joint on a plan.
+the control loop, which gives way where the object is not quite where the template is; so is a push, with a force that the template
+names, along a joint or around it. What is held goes along its joint on a plan.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ import numpy as np
 from affordance_templates.binding import BoundWaypoint
 from affordance_templates.instance import Instance
 from affordance_templates.placement import Array, of_message, placed, shortest_turn, to_message, turn_between
+from affordance_templates.template import ResolvedJoint
+from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import execute
 from engines.activities.hand import poses_of, shape_hand
 from engines.activities.waypoints import chosen, pushes, way_to
 from engines.runs.motion import MotionFailed
 from handrail.messages import (
+    ActionEvent,
     Compliance,
     CompliantMotion,
     ContactEnd,
@@ -42,6 +45,8 @@ _HERE, _TURNED = 0.001, 0.01
 """m, rad: a hand so near is there"""
 _PRESS_S = 3.0
 """for which a push along a joint goes on, if its waypoint names no duration"""
+_FELT = 0.25
+"""share of the way to a stop that has to be left when something is felt: its touch may have pressed it the rest of the way"""
 _CLOSED = "closed"
 """the hand pose that takes hold"""
 
@@ -73,6 +78,7 @@ class TrajectoryActivity(Activity):
         self._instance = instance = self._asked()
         self._holds, self._moved = False, 0.0
         self._plan = str(self.values["plan"] or "")
+        self._ended: ActionEvent | None = None
         waypoints = self._chosen(instance)
         for waypoint in waypoints:
             try:
@@ -136,10 +142,12 @@ class TrajectoryActivity(Activity):
         if call is not None:
             self._planned(call)
             self._moved = call.along.by if call.along is not None else self._moved
-        elif pushes(waypoint, instance):
-            self._push(instance, waypoint)
-        else:
+        elif not pushes(waypoint):
             self._straight(waypoint)
+        elif instance.resolve().joints[waypoint.waypoint.joint].kind == "prismatic":
+            self._push(waypoint)
+        else:
+            self._push_around(waypoint)
 
     def _planned(self, call: PlanMotion) -> None:
         """Run the plan that was made for it, or make one, to its end."""
@@ -190,10 +198,10 @@ class TrajectoryActivity(Activity):
                 f"{asked.until:g} N were not felt until {_BEYOND * 100:g} cm behind where it was to touch",
             )
 
-    def _push(self, instance: Instance, waypoint: BoundWaypoint) -> None:
+    def _push(self, waypoint: BoundWaypoint) -> None:
         """Press until what slides has moved as far as it is to."""
         assert waypoint.force_in_world is not None
-        asked = waypoint.waypoint
+        instance, asked = self._instance, waypoint.waypoint
         joint, by = instance.resolve().joints[asked.joint], float(asked.to)
         direction = instance.rotation @ joint.axis * math.copysign(1.0, by)
         x, y, z = direction.tolist()
@@ -205,18 +213,60 @@ class TrajectoryActivity(Activity):
             axes=_axes_along(direction),
             compliance=[Compliance(axis="x", force=size, speed=asked.speed or 0.0)],
         )
-        end = TravelEnd(frame=self._arm.tip, distance=abs(by), axis=(x, y, z))
-        if self._run(motion, [end], asked.name, "travel") == "done":
+        end, before = TravelEnd(frame=self._arm.tip, distance=abs(by), axis=(x, y, z)), self._measured()
+        if self._run(motion, [end], asked.name, "travel") == "done" and not self._at_stop(joint, by, direction, before):
             raise ActivityFailed(
                 "stuck",
                 f"{asked.joint} has not moved by {abs(by) * 1000:.3g} mm under {size:.3g} N in {motion.duration:g} s",
             )
-        self._moved = by
+        self._note_moved(asked.joint, by)
+
+    def _at_stop(self, joint: ResolvedJoint, by: float, direction: Array, before: Array | None) -> bool:
+        """Whether what slides goes no further because it is at its end, (3,) m `before` being where the hand pushed it from."""
+        here = self._measured()
+        if before is None or here is None:
+            return False
+        return at_stop(joint, by, math.copysign(float((here - before) @ direction), by), _FELT)
+
+    def _push_around(self, waypoint: BoundWaypoint) -> None:
+        """Push until what turns has turned as far as it is to."""
+        assert waypoint.force_in_world is not None
+        asked, by = waypoint.waypoint, float(waypoint.waypoint.to)
+        size = float(np.linalg.norm(waypoint.force_in_world))
+        now = self.services.affordances.get(self._instance.name)
+        free = waypoint.tolerance.rotation[2] >= math.pi
+        circle = Circle.of(now, asked.joint, self._hand(), free=free)
+        speed = abs(by) * circle.radius / asked.duration if asked.duration else asked.speed or _SPEED
+        chords = circle.chords(by, size, speed, self._arm)
+        for first in range(0, len(chords), MOST):
+            self._still_there()
+            push = Push(chords[first : first + MOST])
+            try:
+                ended = self.context.motion.run_behaviour(
+                    push, self.services.description, self.cancelled, what=asked.name
+                )
+            except MotionFailed as failed:
+                raise ActivityFailed(failed.reason, str(failed)) from failed
+            if ended.outcome == "done":
+                at = next(number for number, chord in enumerate(chords) if chord.name == ended.step)
+                gone = by * at / len(chords)
+                if at_stop(now.resolve().joints[asked.joint], by, gone):
+                    break
+                self._note_moved(asked.joint, gone)
+                raise ActivityFailed(
+                    "stuck",
+                    f"{asked.joint} has turned by {math.degrees(gone):.0f}° of {math.degrees(by):.0f}° and goes no further "
+                    f"under {size:.3g} N",
+                )
+        self._note_moved(asked.joint, by)
+
+    def _note_moved(self, joint: str, by: float) -> None:
+        """What a joint is believed to have moved by, rad or m."""
+        self._moved, affordances, name = by, self.services.affordances, self._instance.name
         try:
-            now = self.services.affordances.get(instance.name).resolve().joints[asked.joint].position
-            self.services.affordances.set_joint(instance.name, asked.joint, now + by)
+            affordances.set_joint(name, joint, affordances.get(name).resolve().joints[joint].position + by)
         except RefusedError as gone:
-            raise ActivityFailed("stale", f"{instance.name} was removed while it was being used") from gone
+            raise ActivityFailed("stale", f"{name} was removed while it was being used") from gone
 
     def _shape(self, waypoint: BoundWaypoint) -> None:
         holds = shape_hand(self.context, self.values["arm"], waypoint.fingers, self.cancelled)
@@ -225,9 +275,16 @@ class TrajectoryActivity(Activity):
     def _run(self, motion: CompliantMotion, ends: list[EndCondition], what: str, hoped: str) -> str:
         try:
             ended = self.context.motion.run(motion, ends, self.cancelled, what=what, still=self._outdated, hoped=hoped)
-            return ended.outcome
         except MotionFailed as failed:
             raise ActivityFailed(failed.reason, str(failed)) from failed
+        self._ended = ended
+        return ended.outcome
+
+    def _measured(self) -> Array | None:
+        """(3,) m, where the hand was when its last motion ended; None: there was none."""
+        if self._ended is None:
+            return None
+        return self.services.tip_pose(np.array(self._ended.position), self.values["arm"])[0]
 
     @property
     def _arm(self) -> Arm:

@@ -12,6 +12,9 @@ from engines.activities.base import ActivityFailed
 from handrail.messages import Along, PlanMotion
 from handrail.robot.description import RobotDescription
 
+CLEAR = 0.015
+"""m that these ways keep of everything: more than the daemon's guard does (0.01), for the robot follows them loosely"""
+
 
 def chosen(
     robot: RobotDescription, instance: Instance, trajectory: str, arm: str, *, first: str = "", last: str = "",
@@ -123,15 +126,15 @@ def way_to(waypoint: BoundWaypoint, instance: Instance) -> PlanMotion | None:
     """
     asked, arm = waypoint.waypoint, waypoint.arm
     if asked.approach == "free":
-        return PlanMotion(goals=[waypoint.goal()], arm=arm.name, label=f"to {asked.name} of {instance.name}")
-    if asked.approach != "along" or pushes(waypoint, instance):
+        return PlanMotion(
+            goals=[waypoint.goal()], arm=arm.name, clearance=CLEAR, label=f"to {asked.name} of {instance.name}"
+        )
+    if asked.approach != "along" or pushes(waypoint):
         return None
     along = Along(instance=instance.name, joint=asked.joint, by=float(asked.to), frame=arm.tip)
-    return PlanMotion(goals=[], along=along, arm=arm.name, label=f"to {asked.name} of {instance.name}")
+    return PlanMotion(goals=[], along=along, arm=arm.name, clearance=CLEAR, label=f"to {asked.name} of {instance.name}")
 
 
-def pushes(waypoint: BoundWaypoint, instance: Instance) -> bool:
-    """Whether it is pressed along what slides, until that has moved."""
-    asked = waypoint.waypoint
-    slides = asked.approach == "along" and instance.resolve().joints[asked.joint].kind == "prismatic"
-    return slides and waypoint.force_in_world is not None
+def pushes(waypoint: BoundWaypoint) -> bool:
+    """Whether what moves along a joint is pushed, with a force that the template names: else the hand holds it."""
+    return waypoint.waypoint.approach == "along" and waypoint.force_in_world is not None

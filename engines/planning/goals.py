@@ -63,20 +63,28 @@ class GoalReader:
             case FrameGoal():
                 return self._frame(goal, where)
             case GazeGoal():
-                self._robot_frame(f"{where}.frame", goal.frame)
+                frame, axis = self._sight(goal)
+                self._robot_frame(f"{where}.frame", frame)
                 _finite(where, target=goal.target)
                 base = self._base(goal, where)
                 x, y, z = (base.act(np.array(goal.target))).tolist()
                 words = f"{where} (gaze of {goal.frame})"
                 sight = Gaze(
-                    frame=goal.frame,
+                    frame=frame,
                     target=(x, y, z),
-                    axis=goal.axis,
+                    axis=axis,
                     cone=goal.cone,
                     in_frame=goal.in_frame,
                     name=words,
                 )
                 return [sight]
+
+    def _sight(self, goal: GazeGoal) -> tuple[str, tuple[float, float, float]]:
+        """Frame and axis that look: of a camera, where the frame is one's name."""
+        for camera in self.description.cameras:
+            if camera.name == goal.frame:
+                return camera.link, AXES["z" if camera.optical else "x"]
+        return goal.frame, goal.axis
 
     def _at(self, where: str, joint: str, position: float, tolerance: float) -> Posture:
         _named(f"{where}.positions", joint, self.mechanism.joints)

@@ -58,6 +58,7 @@ class GazeGoal(msgspec.Struct, tag="gaze", kw_only=True, forbid_unknown_fields=T
     """A point is within the cone about an axis of a frame: a camera sees it."""
 
     frame: Name
+    """or a camera's name: along what it looks along then"""
     target: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """m"""
     in_frame: str = ""

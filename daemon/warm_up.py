@@ -38,7 +38,7 @@ def warm_up(kinematics: Kinematics) -> None:
     if robot.stance is not None:
         robot.stance.update(kinematics.configuration(state.position), np.zeros(kinematics.model.nv))
     for arm in kinematics.description.arms.values():
-        robot.carried(arm.tip).pull(np.zeros(3), 0.0, 0.0, 0.0, np.zeros(n))
+        robot.carried(arm.tip).pull(np.zeros(3), 0.0, 0.0, 0.0, np.zeros(n, bool), np.zeros(n))
     path = TrajectoryMotion(np.arange(n), np.array([0.0, 1.0]), np.zeros((2, n)), np.zeros((2, n)))
     for integral in (None, OuterIntegral(IntegralGains(*np.zeros((4, n))), limits.period)):
         motion = JointTrajectory(path, Gains(command.stiffness, command.damping, integral), limits.period)
@@ -52,6 +52,6 @@ def warm_up(kinematics: Kinematics) -> None:
     bodies = Bodies.of(kinematics)
     braking, kept = Braking(kinematics, bodies.limits, limits.period), bodies.kept()
     braking.look(kept.moving, 0.0)
-    judge(command.table, command.table, state.table, braking.limits, *bodies.tables, *kept, limits.period, COMMANDED)
+    judge(command.table, command.table, state.table, braking.limits, kept.table, limits.period, COMMANDED)
     followed(path.joints, command.position, state)
     enforce(JointCommand(n), command, JointCommand(n), state, limits)

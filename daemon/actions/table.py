@@ -236,17 +236,19 @@ class ActionTable:
     def check(self, last: JointCommand) -> list[Action]:
         """End what has to end in this cycle, and let `hold` take over from `last`. Returns what ended."""
         ended = []
-        for action in self.running():
-            if action.state is ActionState.RUNNING:
-                action.running += self._robot.period * action.controller.clock.rate
-            if self._has_to_end(action, last):
+        for action in self._running:
+            clock, paused = action.controller.clock, action.state is ActionState.PAUSED
+            if not paused:
+                action.running += self._robot.period * clock.rate
+            standing = clock.standing
+            if self._has_to_end(action, last, standing):
                 if not self._goes_on(action, last):
                     self._end(action, last)
                     ended.append(action)
-            elif action.controller.clock.standing != (action.state is ActionState.PAUSED):
-                action.state = ActionState.PAUSED if action.controller.clock.standing else ActionState.RUNNING
+            elif standing != paused:
+                action.state = ActionState.PAUSED if standing else ActionState.RUNNING
                 action.cycle, action.detail = self.cycle, action.controller.waiting
-                if action.state is ActionState.PAUSED:
+                if standing:
                     action.controller.stood(self._robot, last)
         return ended
 
@@ -278,12 +280,12 @@ class ActionTable:
         self._look_who_runs()
         return ended
 
-    def _has_to_end(self, action: Action, last: JointCommand) -> bool:
-        joints, clock = action.controller.joints, action.controller.clock
+    def _has_to_end(self, action: Action, last: JointCommand, standing: bool) -> bool:
+        controller = action.controller
+        joints = controller.joints
         seen = followed(joints, last.position, self._robot.joints)
-        lag = action.controller.lag
         if action.ends and (
-            trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places, lag)
+            trip := first_met(action.ends, action.running, joints, seen, self._robot, action.places, controller.lag)
         ):
             action.outcome = Outcome.CONDITION
             action.condition, action.value, action.joint = trip.condition, trip.value, trip.joint
@@ -292,16 +294,16 @@ class ActionTable:
             action.outcome = Outcome.STALE_STATE if no.rule is Rule.STALE else Outcome.DIVERGED
             action.joint, action.value = no.joint, no.value
             return True
-        if action.ending is not Outcome.NONE and (clock.standing or clock.at_end):
+        if action.ending is not Outcome.NONE and (standing or controller.clock.at_end):
             action.outcome = action.ending
             return True
-        if why := action.controller.failure:
+        if why := controller.failure:
             action.outcome, action.detail = Outcome.INFEASIBLE, why
             return True
-        if silence := action.controller.silence:
+        if silence := controller.silence:
             action.outcome, action.value, action.detail = Outcome.STREAM_LOST, silence, ""
             return True
-        if action.controller.done:
+        if controller.done:
             action.outcome = Outcome.DONE
             return True
         return False

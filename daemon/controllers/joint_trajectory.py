@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon.controllers.base import Array, Gains, MotionController
 from daemon.controllers.point_to_point import Excursion, NoWay
@@ -27,16 +28,17 @@ class PathForceIntegrator:
     does not reveal (a valve's, a drawer's) is found by pushing until the tool moves, no harder than `limit`.
     """
 
-    def __init__(self, spec: PathForce, joints: int):
-        """`joints`: how many the robot has."""
+    def __init__(self, spec: PathForce, claimed: NDArray[np.bool_]):
+        """`claimed` (n,): the robot's joints that may do it."""
         self.spec = spec
         self.force = 0.0
-        self._tangent, self._torque = np.zeros(3), np.zeros(joints)
+        self._claimed = claimed
+        self._tangent, self._torque = np.zeros(3), np.zeros(len(claimed))
 
     def torque(self, robot: RobotState) -> Array:
         """N·m (n,) to add to the feed-forward in this cycle; the next one overwrites it."""
         frame, gain, limit = robot.carried(self.spec.frame), self.spec.gain * robot.period, self.spec.limit
-        self.force = frame.pull(self._tangent, self.force, gain, limit, self._torque)
+        self.force = frame.pull(self._tangent, self.force, gain, limit, self._claimed, self._torque)
         return self._torque
 
 
@@ -52,7 +54,8 @@ class JointTrajectory(MotionController):
         self.clock = DetourClock(self._path.length, period)
         self._period = period
         self._back: Excursion | None = None
-        self._force = PathForceIntegrator(motion.path_force, len(gains.stiffness)) if motion.path_force else None
+        claimed = np.isin(np.arange(len(gains.stiffness)), motion.joints)
+        self._force = PathForceIntegrator(motion.path_force, claimed) if motion.path_force else None
         self._position, self._velocity = np.zeros(len(motion.joints)), np.zeros(len(motion.joints))
         self._lead = np.zeros(len(motion.joints))
         self._lean = np.zeros(len(motion.joints))
@@ -69,20 +72,23 @@ class JointTrajectory(MotionController):
         self.clock.room = lambda: self._path.room(limits)
 
     def update(self, robot: RobotState, out: JointCommand) -> None:
-        self.clock.advance()
-        self._path.evaluate(self.clock.s, self._position, self._velocity)
+        clock = self.clock
+        clock.advance()
+        self._path.evaluate(clock.s, self._position, self._velocity)
         if self._running < _LEAD_IN:
             self._running += robot.period
             self._position += self._lead * fade(self._running, _LEAD_IN)
-        velocity = self._velocity * self.clock.rate
-        if self.clock.detour is not None:
+        velocity, rate = self._velocity, clock.rate
+        if clock.detour is not None:
             assert self._back is not None
-            self._back.evaluate(self.clock.detour.s, self._away, self._returning)
+            self._back.evaluate(clock.detour.s, self._away, self._returning)
             self._position += self._away
-            velocity = self._returning * self.clock.detour.rate
+            velocity, rate = self._returning, clock.detour.rate
+        if rate != 1.0:
+            velocity *= rate
         self.write_tracking(robot, out, self._position, velocity)
         if self._force is not None:
-            out.torque[self.joints] += self._force.torque(robot)[self.joints]
+            out.torque += self._force.torque(robot)
 
     def stood(self, robot: RobotState, last: JointCommand) -> None:
         rows = self.joints

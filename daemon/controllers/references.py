@@ -150,11 +150,11 @@ class DetourClock(PathClock):
 
     @property
     def standing(self) -> bool:
-        return super().standing if self.detour is None else self.detour.standing
+        return self._steady and self.rate == 0.0 if self.detour is None else self.detour.standing
 
     def advance(self) -> None:
         if self.detour is None:
-            super().advance()
+            PathClock.advance(self)
             return
         self.detour.advance()
         if self.detour.at_end:

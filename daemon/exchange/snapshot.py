@@ -46,6 +46,8 @@ class SnapshotWriter:
         self._life, self._actions, self._controllers, self._orders = life, actions, controllers, orders
         self._slots = [self._record["actions"][slot : slot + 1] for slot in range(len(actions.slots))]
         self._written: list[tuple[int, ActionState, int, float] | None] = [None] * len(self._slots)
+        self._over: list[Action | None] = [None] * len(self._slots)
+        """whose end was told: nothing of these changes any more"""
         self._news: tuple[object, ...] = ()
         self._record["safety"] = life.ledger.rows
         self._identities = -1
@@ -153,7 +155,7 @@ class SnapshotWriter:
     def _write_actions(self, written: JointCommand, time_ns: int) -> bool:
         changed = False
         for number, action in enumerate(self._actions.slots):
-            if action is None:
+            if action is None or action is self._over[number]:
                 continue
             chain = action.chain
             clock = action.controller.clock
@@ -167,6 +169,7 @@ class SnapshotWriter:
                 row = self._slots[number]
                 _fill(row, action, time_ns)
                 row["position"], row["command"] = self._robot.joints.position, written.position
+                self._over[number] = None if action.alive else action
                 changed = True
         return changed
 

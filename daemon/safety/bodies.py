@@ -8,7 +8,6 @@ have. The fit takes a second or two, and is kept in the user's cache under a has
 from __future__ import annotations
 
 import fnmatch
-import functools
 import hashlib
 import io
 import itertools
@@ -60,14 +59,10 @@ class Bodies:
     limits: Array
     """of braking in the worst posture (braking.at_most)"""
 
-    @functools.cached_property
-    def tables(self) -> tuple[Any, ...]:
-        """What `judge` takes of them, in its order, behind the limits of braking (braking.Braking)."""
-        return (self.joints, self.tree, self.shapes, self.bodies, self.vertices, self.pairs, self.groups)
-
     def kept(self) -> Kept:
-        """What `judge` keeps, before its first call."""
-        return Kept.of(self.margins, len(self.groups), len(self.joints), self.limits.shape[1])
+        """What `judge` knows and keeps, before its first call."""
+        known = ("joints", "tree", "shapes", "bodies", "vertices", "pairs", "groups")
+        return Kept({name: getattr(self, name) for name in known}, self.margins, self.limits.shape[1])
 
     def between(self, pair: int) -> NDArray[np.int64]:
         """Rows of the joints that move the bodies of a pair against each other."""

@@ -34,7 +34,7 @@ class Guard:
     """Judges each cycle's command, and has the manager brake."""
 
     def __init__(self, manager: ControllerManager, robot: RobotState, ledger: Ledger):
-        self._manager, self._robot, self._ledger = manager, robot, ledger
+        self._manager, self._ledger = manager, ledger
         self._bodies = bodies = Bodies.of(robot.kinematics)
         n, description = len(robot.joints), robot.kinematics.description
         self._rows = {name: row for row, name in enumerate(frame_names(description))}
@@ -42,6 +42,8 @@ class Guard:
         self._braking = Braking(robot.kinematics, bodies.limits, robot.period)
         self._kept, self._pushed = bodies.kept(), bodies.kept()
         self._moving = self._kept.moving
+        self._present_speed = self._moving[1]
+        self._measured, self._period = robot.joints.table, robot.period
         self._speed, self._duration = np.zeros(n), 0.0
         """of the command before: rad/s, and s that braking from it takes"""
         self._excuses, self._latched = True, False
@@ -72,16 +74,17 @@ class Guard:
             and self._brake(self._pushed.trips[:found], last)
         ):
             return True
-        self._speed[:], self._duration = self._moving[1], duration
+        np.copyto(self._speed, self._present_speed)
+        self._duration = duration
         return False
 
     def _judge(self, command: JointCommand, last: JointCommand, look: int) -> tuple[int, float, bool]:
         """See `judge`: by the most that braking can need, and if somebody would have to brake, by what it needs here."""
         braking, kept = self._braking, self._pushed if look == PUSHED else self._kept
-        told, where = (command.table, last.table, self._robot.joints.table), (*self._bodies.tables, *kept)
-        found, duration, pushed = judge(*told, braking.limits, *where, self._robot.period, look)
+        told, period = (command.table, last.table, self._measured), self._period
+        found, duration, pushed = judge(*told, braking.limits, kept.table, period, look)
         if found and look != EXCUSING and braking.look(kept.moving, duration):
-            found, duration, pushed = judge(*told, braking.limits, *where, self._robot.period, look)
+            found, duration, pushed = judge(*told, braking.limits, kept.table, period, look)
         return found, duration, pushed
 
     def _brake(self, trips: Array, last: JointCommand) -> bool:

@@ -21,12 +21,14 @@ are passed over together.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from daemon.wbc.memory import Memory, integers, matrix, vector
 from handrail.compiled import compiled
 
 MAX_TRIPS = 8
@@ -57,22 +59,33 @@ _STILL = 0.02
 """rad/s: measured joints that are slower stand"""
 
 
-class Kept(NamedTuple):
-    """What `judge` keeps from call to call, and what it tells, in its order."""
+NAMES = (
+    "joints", "tree", "shapes", "bodies", "vertices", "pairs", "groups", "memory", "room", "placed", "moving", "trips",
+)  # fmt: skip
+"""What `judge` finds in its table, in this order; what is said of them stands there."""
+_JOINTS, _TREE, _SHAPES, _BODIES, _VERTICES, _PAIRS, _GROUPS, _MEMORY, _ROOM_LEFT, _PLACED, _MOVING, _TRIPS = range(
+    len(NAMES)
+)
 
-    memory: NDArray[np.float64]
-    room: NDArray[np.float64]
-    placed: NDArray[np.float64]
-    moving: NDArray[np.float64]
-    trips: NDArray[np.float64]
 
-    @classmethod
-    def of(cls, margins: NDArray[np.float64], groups: int, joints: int, n: int) -> Kept:
-        """Of a robot with so many groups of pairs, rows of `joints`, and commanded joints. `margins`: (p,) m."""
-        memory = np.zeros((len(margins), REMEMBERED))
-        memory[:, MARGIN], memory[:, CLEAR] = margins, -np.inf
-        placed, moving = np.zeros((joints, PLACED)), np.zeros((3, n))
-        return cls(memory, np.full(groups, -np.inf), placed, moving, np.zeros((MAX_TRIPS, 3)))
+class Kept:
+    """What `judge` keeps from call to call, and what it tells, beside what it knows of the bodies."""
+
+    def __init__(self, bodies: Mapping[str, NDArray[Any]], margins: NDArray[np.float64], n: int):
+        """`bodies`: arrays by their NAMES; `margins`: (p,) m, of the pairs; `n`: commanded joints."""
+        known = Memory(NAMES)
+        for name, array in bodies.items():
+            if array.dtype == np.int64:
+                known.put_integers(name, np.ascontiguousarray(array))
+            else:
+                known.put(name, np.ascontiguousarray(array))
+        self.memory = known.make("memory", len(margins), REMEMBERED)
+        self.memory[: len(margins), MARGIN], self.memory[:, CLEAR] = margins, -np.inf
+        self.room = known.make("room", 1, len(bodies["groups"]))[0]
+        self.room[:] = -np.inf
+        known.make("placed", len(bodies["joints"]), PLACED)
+        self.moving, self.trips = known.make("moving", 3, n), known.make("trips", MAX_TRIPS, 3)
+        self._known, self.table = known, known.table
 
 
 @njit(error_model="numpy")
@@ -281,10 +294,7 @@ def _centre(shapes, bodies, placed, body):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def judge(  # type: ignore[no-untyped-def]
-    wanted, last, measured, limits, joints, tree, shapes, bodies, vertices, pairs, groups,
-    memory, room, placed, moving, trips, period, look,
-):  # fmt: skip
+def judge(wanted, last, measured, limits, table, period, look):  # type: ignore[no-untyped-def]
     """Which pairs would come nearer than they may if the robot braked after this cycle: (how many, s that braking takes, whether a
     joint that its drive holds has been pushed away from its command).
 
@@ -292,6 +302,7 @@ def judge(  # type: ignore[no-untyped-def]
     `limits` (n + 3, n): |M(q)|, then N·m and N·m/s that are left for braking, then the stiffness below which a joint
     is soft. Braking scales the present speeds by 1 − 3u² + 2u³, u = t/T: for all joints the same T, the longest of their bounds
     1.5 |M||q̇| / τ and √(6 |M||q̇| / τ̇). So the run-out S is T/2, and what is run through v²/2a with a = 2τ / 3M.
+    `table`: of a `Kept`.
     `joints` (k, 16), `tree` (k, 3: joint before, row, whether it slides): the first is the base. `shapes` (m, 5: sphere around it
     in its joint's frame, rounding), `bodies` (m, 3: joint, first and last vertex), `vertices` (·, 3) m. `pairs` (p, 4: two bodies,
     the last joint from which both hang, kind), in `groups` (g, 5: two joints, that last one, first and last pair).
@@ -300,6 +311,11 @@ def judge(  # type: ignore[no-untyped-def]
     `look`: at COMMANDED; EXCUSING pairs that are within their margin now: they may be so near, and go away from each other, but not
     come nearer; PUSHED, with what somebody has pushed a stiff joint away by beyond PUSHED_BY: then every such pair is excused.
     """
+    joints, tree, shapes = matrix(table, _JOINTS), integers(table, _TREE), matrix(table, _SHAPES)
+    bodies, vertices = integers(table, _BODIES), matrix(table, _VERTICES)
+    pairs, groups = integers(table, _PAIRS), integers(table, _GROUPS)
+    memory, room, placed = matrix(table, _MEMORY), vector(table, _ROOM_LEFT), matrix(table, _PLACED)
+    moving, trips = matrix(table, _MOVING), matrix(table, _TRIPS)
     time, pushed = _take(wanted, last, measured, limits, period, moving, look)
     excuse = look == EXCUSING
     run_out = 0.0 if excuse else 0.5 * time

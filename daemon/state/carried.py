@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from daemon.wbc import dynamics
 from daemon.wbc.dynamics import AXIS, ON_P, ON_R, TURNS, turned
@@ -48,12 +49,16 @@ class CarriedFrame:
         """`commanded`, `measured`: JointCommand.table, JointState.table."""
         _follow(self._links, commanded, measured, self._known)
 
-    def pull(self, tangent: Array, force: float, gain: float, limit: float, torque: Array) -> float:
-        """Push the frame along its path: `torque` (n,) ← Jᵀ F t̂, N·m. Returns F, moved on by `gain` · t̂·lag within 0..limit, N.
+    def pull(
+        self, tangent: Array, force: float, gain: float, limit: float, claimed: NDArray[np.bool_], torque: Array
+    ) -> float:
+        """Push the frame along its path: `torque` (n,) ← Jᵀ F t̂, N·m, of joints that are `claimed` (n,), and 0 of others.
 
-        `tangent` (3,), t̂, becomes the direction of the commanded velocity, unless there is none (`STANDING`).
+        Returns F, N, moved on by `gain` · t̂·lag within 0..limit. `tangent` (3,), t̂, becomes the direction of the commanded
+        velocity, unless there is none (`STANDING`).
         """
-        return _pull(self._links, self._known, tangent, force, gain, limit, torque)  # type: ignore[no-any-return]
+        known = self._known
+        return _pull(self._links, known, tangent, force, gain, limit, claimed, torque)  # type: ignore[no-any-return]
 
 
 @compiled(fastmath=FAST, error_model="numpy")
@@ -91,7 +96,7 @@ def _follow(links, commanded, measured, known):  # type: ignore[no-untyped-def]
 
 
 @compiled(fastmath=FAST, error_model="numpy")
-def _pull(links, known, tangent, force, gain, limit, torque):  # type: ignore[no-untyped-def]
+def _pull(links, known, tangent, force, gain, limit, claimed, torque):  # type: ignore[no-untyped-def]
     velocity, here = three(known, _SPEED), three(known, _HERE)
     speed = math.sqrt(dot(velocity, velocity))
     if speed > STANDING:
@@ -102,7 +107,7 @@ def _pull(links, known, tangent, force, gain, limit, torque):  # type: ignore[no
         torque[j] = 0.0
     for k in range(links.shape[0] - 1):
         row, axis = int(links[k, _ROW]), three(known, _JOINTS + 6 * k)
-        if row >= 0:
+        if row >= 0 and claimed[row]:
             arm = minus(here, three(known, _JOINTS + 6 * k + 3))
             torque[row] = force * dot(cross(axis, arm) if links[k, TURNS] > 0.0 else axis, along)
     return force

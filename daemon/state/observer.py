@@ -68,10 +68,11 @@ class MomentumObserver:
 class WristSensor:
     """A force-torque sensor, freed of the weight and inertia of what is mounted on it."""
 
-    def __init__(self, kinematics: Kinematics, link: str, row: int, devices: DeviceState):
+    def __init__(self, kinematics: Kinematics, link: str, row: int, devices: DeviceState, offsets: Array | None = None):
+        """`offsets` (devices, 6): where its own offset lies; None: anywhere."""
         model = kinematics.model
         self._told, self._age, self._row = devices.values[row, :6], devices.age, row
-        self.offset = np.zeros(6)
+        self.offset = np.zeros(6) if offsets is None else offsets[row]
         """N, N·m that it tells when nothing is there, in its own axes: see daemon.state.taring"""
         frame = model.frames[kinematics.frame_id(link)]
         self._joint, self._placement = frame.parentJoint, frame.placement
@@ -114,12 +115,12 @@ class WristSensor:
         kernels.feel_beyond(self._known, self._told, self.offset, moved.table, felt)
         return felt + self.offset
 
-    def at(self, frame: pin.Frame) -> tuple[Array, Array, Array]:
-        """What `kernels.feel_at` is to know of this sensor, about a frame's origin."""
+    def at(self, frame: pin.Frame) -> Array:
+        """(FELT,): what `kernels.observe` is to know of this sensor, about a frame's origin."""
         known = self._known.copy()
-        known[kernels.FRAME_JOINT] = frame.parentJoint
+        known[kernels.FRAME_JOINT], known[kernels.DEVICE] = frame.parentJoint, self._row
         known[kernels.FRAME_P : kernels.FRAME_P + 3] = frame.placement.translation
-        return known, self._told, self.offset
+        return known
 
 
 class ExternalWrenches:
@@ -133,32 +134,51 @@ class ExternalWrenches:
         self._gain = 1.0 - math.exp(-2.0 * math.pi * SENSOR_HZ * period)
         self._squared_weight = 1.0 / kinematics.description.torque_limit**2
         self._rows = kinematics.index_v
-        self.sensors = {
-            row: WristSensor(kinematics, device.link, row, devices)
-            for row, device in enumerate(kinematics.description.devices)
-            if devices is not None and device.family == "force_torque"
-        }
+        self.sensors: dict[int, WristSensor] = {}
         """row of RobotDescription.devices → the sensor"""
-        self._sensor_of: dict[str, tuple[WristSensor, tuple[Array, Array, Array]] | None] = {}
+        self._frames: Collection[str] = ()
+        self._felt: list[tuple[str, WristSensor | None]] = []
+        """of each frame, who carries it"""
+        if devices is not None and len(devices):
+            memory = self._observer.memory
+            memory.put("told", devices.values)
+            offsets = memory.make("offset", len(devices), 6)
+            self.sensors = {
+                row: WristSensor(kinematics, device.link, row, devices, offsets)
+                for row, device in enumerate(kinematics.description.devices)
+                if device.family == "force_torque"
+            }
 
     def update(self, frames: Collection[str], q: Array, velocity: Array) -> None:
         """Once a cycle, for these frames."""
-        for old in [frame for frame in self.wrenches if frame not in frames]:
-            del self.wrenches[old]
+        begun = frames is not self._frames and frames != self._frames
+        if begun:
+            self._ask_at(frames)
         if not frames:
             self._observer.stop()
             return
         self._observer.update(q, velocity)
-        observer = self._observer
-        for frame in frames:
-            sensor, gain = self._sensor(frame), self._gain
-            if frame not in self.wrenches:
-                self.wrenches[frame], gain = np.zeros(6), 1.0
-            wrench = self.wrenches[frame]
-            if sensor is not None and sensor[0].fresh:
-                kernels.feel_at(*sensor[1], observer.memory.table, observer.tree, gain, wrench)
-            else:
-                self._feel_by_joints(wrench, frame, q)
+        for frame, sensor in self._felt:
+            if sensor is None or not sensor.fresh:
+                self._feel_by_joints(self.wrenches[frame], frame, q)
+        if begun:
+            felt = self._observer.memory["felt"]
+            felt[felt[:, kernels.GAIN] > 0.0, kernels.GAIN] = self._gain
+
+    def _ask_at(self, frames: Collection[str]) -> None:
+        """From this cycle on at these frames; a frame's first wrench counts fully."""
+        memory, before = self._observer.memory, dict(self.wrenches)
+        self._frames, self._felt = frames, [(frame, self._sensor(frame)) for frame in frames]
+        known = memory.make("felt", len(frames), kernels.FELT)
+        wrenches = memory.make("wrench", len(frames), 6)
+        self.wrenches.clear()
+        for row, wrench, (frame, sensor) in zip(known, wrenches, self._felt, strict=False):
+            self.wrenches[frame] = wrench
+            if frame in before:
+                wrench[:] = before[frame]
+            if sensor is not None:
+                row[:] = sensor.at(self._kinematics.model.frames[self._kinematics.frame_id(frame)])
+                row[kernels.GAIN] = self._gain if frame in before else 1.0
 
     @property
     def moved(self) -> Memory:
@@ -177,13 +197,8 @@ class ExternalWrenches:
         jacobian = pin.computeFrameJacobian(kinematics.model, observer.data, q, number, pin.LOCAL_WORLD_ALIGNED)
         _least_squares(wrench, jacobian, observer.residual, self._rows, self._squared_weight)
 
-    def _sensor(self, frame: str) -> tuple[WristSensor, tuple[Array, Array, Array]] | None:
-        """Who carries the frame, and what the kernel is to know of both."""
-        if frame not in self._sensor_of:
-            carrying = next((sensor for sensor in self.sensors.values() if frame in sensor.frames), None)
-            place = self._kinematics.model.frames[self._kinematics.frame_id(frame)]
-            self._sensor_of[frame] = None if carrying is None else (carrying, carrying.at(place))
-        return self._sensor_of[frame]
+    def _sensor(self, frame: str) -> WristSensor | None:
+        return next((sensor for sensor in self.sensors.values() if frame in sensor.frames), None)
 
 
 @compiled

@@ -39,15 +39,16 @@ from daemon.wbc.vectors import (
 from handrail.compiled import compiled
 from handrail.robot.model_memory import motions, placements
 
-NAMES = ("on_parent", "velocity", "drift", "force", "body", "gravity", "kept")
-"""pinocchio's liMi, v, a_gf, f of the robot as it moves, gravity's acceleration in a_gf; `dynamics.bodies`; gravity (1, 3); KEPT"""
-_ON_PARENT, _VELOCITY, _DRIFT, _FORCE, _BODY, _GRAVITY, _KEPT = range(len(NAMES))
+NAMES = ("on_parent", "velocity", "drift", "force", "body", "gravity", "kept", "felt", "told", "offset", "wrench")
+"""pinocchio's liMi, v, a_gf, f of the robot as it moves, gravity's acceleration in a_gf; `dynamics.bodies`; gravity (1, 3); KEPT;
+of frames at which sensors are asked: FELT each; of all devices what they tell, and the sensors' offsets; the frames' wrenches"""
+_ON_PARENT, _VELOCITY, _DRIFT, _FORCE, _BODY, _GRAVITY, _KEPT, _FELT, _TOLD, _OFFSET, _WRENCH = range(len(NAMES))
 RESIDUAL, FIRST_POLE, LAST_VELOCITY, LAST_TORQUE, WANTED, KEPT = range(6)
 """Rows of what is kept, in the order of the model's velocities: torques behind both poles, behind the first; of the cycle before;
 torques that the motion wants."""
-SENSOR_JOINT, FRAME_JOINT, FRAME_P, SENSOR = BODY_WIDTH, BODY_WIDTH + 1, BODY_WIDTH + 2, BODY_WIDTH + 5
+SENSOR_JOINT, FRAME_JOINT, FRAME_P, DEVICE, GAIN, FELT = (BODY_WIDTH + place for place in (0, 1, 2, 5, 6, 7))
 """A sensor: what it carries as dynamics.bodies has it, on the sensor instead of on a joint; whose joint carries both; of the frame
-that is asked about the joint, and where it is on that."""
+that is asked about the joint, and where it is on that; the sensor's row among devices; how far a cycle's wrench counts, 0: not."""
 
 
 def memory_of(model: pin.Model, data: pin.Data) -> Memory:
@@ -61,12 +62,14 @@ def memory_of(model: pin.Model, data: pin.Data) -> Memory:
     memory.put("body", dynamics.bodies(model))
     memory.put("gravity", model.gravity.linear.reshape(1, 3))
     memory.make("kept", KEPT, model.nv)
+    for name in ("felt", "told", "offset", "wrench"):
+        memory.make(name, 0, 6)
     return memory
 
 
 def sensor_of(placement: pin.SE3, inertia: pin.Inertia, joint: int) -> Array:
-    """(SENSOR,), of a sensor at `placement` on a joint, that carries `inertia`, in the joint's frame; about its own origin."""
-    known = np.zeros(SENSOR)
+    """(FELT,), of a sensor at `placement` on a joint, that carries `inertia`, in the joint's frame; about its own origin."""
+    known = np.zeros(FELT)
     dynamics.put_body(known, placement, inertia)
     known[SENSOR_JOINT] = joint
     return known
@@ -74,7 +77,7 @@ def sensor_of(placement: pin.SE3, inertia: pin.Inertia, joint: int) -> Array:
 
 @compiled(fastmath=FAST, error_model="numpy")
 def observe(q, v, torque, gain, period, table, tree):  # type: ignore[no-untyped-def]
-    """One cycle of the momentum observer: Newton-Euler with the acceleration since the last one, then both poles."""
+    """One cycle of the momentum observer: Newton-Euler with the acceleration since the last one, both poles; and of the sensors."""
     body, kept = matrix(table, _BODY), matrix(table, _KEPT)
     velocities, drifts, forces = matrix(table, _VELOCITY), matrix(table, _DRIFT), matrix(table, _FORCE)
     fill(velocities[0], 0.0)
@@ -121,6 +124,13 @@ def observe(q, v, torque, gain, period, table, tree):  # type: ignore[no-untyped
             kept[FIRST_POLE, c] += gain * (kept[WANTED, c] - mean - kept[FIRST_POLE, c])
             kept[RESIDUAL, c] += gain * (kept[FIRST_POLE, c] - kept[RESIDUAL, c])
             kept[LAST_TORQUE, c] = torque[i]
+    felt, told = matrix(table, _FELT), matrix(table, _TOLD)
+    offset, wrench = matrix(table, _OFFSET), matrix(table, _WRENCH)
+    for k in range(felt.shape[0]):
+        known = felt[k]
+        if known[GAIN] > 0.0:
+            device = int(known[DEVICE])
+            _feel_at(known, told[device], offset[device], table, tree, known[GAIN], wrench[k])
 
 
 @njit(fastmath=FAST, error_model="numpy")
@@ -152,8 +162,8 @@ def feel_beyond(known, told, offset, table, out):  # type: ignore[no-untyped-def
     put(out, 3, rotate_back(r, minus(moment, cross(three(known, ON_P), force))))
 
 
-@compiled(fastmath=FAST, error_model="numpy")
-def feel_at(known, told, offset, table, tree, gain, wrench):  # type: ignore[no-untyped-def]
+@njit(fastmath=FAST, error_model="numpy")
+def _feel_at(known, told, offset, table, tree, gain, wrench):  # type: ignore[no-untyped-def]
     """Move `wrench` (6,), about the frame's origin in the world's axes, by `gain` towards what the sensor feels."""
     force, moment = _beyond(known, told, offset, table)
     j = int(known[SENSOR_JOINT])

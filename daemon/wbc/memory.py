@@ -14,7 +14,7 @@ Integers = NDArray[np.int64]
 
 
 class Memory:
-    """Named float64 arrays, C-ordered, and where they lie: `table` (k, 3) int64, address, rows, columns, in the order of `names`.
+    """Named float64 (or int64) arrays, C-ordered; where they lie: `table` (k, 3), address, rows, columns, in the order of `names`.
 
     Whoever hands the table to a kernel keeps this object, and with it the arrays.
     """
@@ -28,6 +28,11 @@ class Memory:
     def make(self, name: str, rows: int, columns: int) -> Array:
         """A new array (rows, columns) of zeros."""
         return self.put(name, np.zeros((max(rows, 1), max(columns, 1))), rows, columns)
+
+    def put_integers(self, name: str, array: Integers) -> None:
+        """An array of int64 that somebody else made, for `integers`; C-ordered with two axes."""
+        self.put(name, array.view(np.float64))
+        self.hold(array)
 
     def put(self, name: str, array: Array, rows: int | None = None, columns: int | None = None) -> Array:
         """An array that somebody else made; it must be C-ordered float64 with two axes."""
@@ -46,22 +51,32 @@ class Memory:
         return self._arrays[name]
 
 
+def _generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+
 def _pointer(typing: Any, address: Any) -> Any:
-    kind = types.CPointer(types.float64)
+    return types.CPointer(types.float64)(types.intp), _generate
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
-    return kind(types.intp), generate
+def _integer_pointer(typing: Any, address: Any) -> Any:
+    return types.CPointer(types.int64)(types.intp), _generate
 
 
 pointer: Any = intrinsic(_pointer)
+integer_pointer: Any = intrinsic(_integer_pointer)
 
 
 @njit
 def matrix(table, number):  # type: ignore[no-untyped-def]
     """The array `number` of a memory's table, (rows, columns)."""
     return carray(pointer(table[number, 0]), (table[number, 1], table[number, 2]))
+
+
+@njit
+def integers(table, number):  # type: ignore[no-untyped-def]
+    """The same of one that was put there by `put_integers`."""
+    return carray(integer_pointer(table[number, 0]), (table[number, 1], table[number, 2]))
 
 
 @njit

@@ -37,9 +37,7 @@ def test_an_arm_that_moves_freely_feels_nothing_and_a_push_what_it_is(in_plant, 
 
 def test_what_feels_is_compiled_before_the_loop_starts(monkeypatch, talos) -> None:
     called = []
-    kernels = [(observer.kernels, name) for name in ("observe", "feel_at", "feel_beyond")] + [
-        (observer, "_least_squares")
-    ]
+    kernels = [(observer.kernels, name) for name in ("observe", "feel_beyond")] + [(observer, "_least_squares")]
     for module, name in kernels:
         monkeypatch.setattr(module, name, lambda *_, name=name: called.append(name))
     warm_up(Kinematics(talos))

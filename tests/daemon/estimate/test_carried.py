@@ -33,10 +33,11 @@ def test_where_a_frame_is_and_is_told_to_be_is_what_pinocchio_says(robot: str) -
             assert carried.velocity == pytest.approx(velocity, abs=1e-12)
 
             tangent, torque = np.zeros(3), rng.normal(0.0, 1.0, n)
-            force = carried.pull(tangent, 3.0, 2.0, 100.0, torque)
+            claimed = rng.random(n) > 0.3
+            force = carried.pull(tangent, 3.0, 2.0, 100.0, claimed, torque)
             assert tangent == pytest.approx(velocity / np.linalg.norm(velocity), abs=1e-10)
             assert force == pytest.approx(max(3.0 + 2.0 * tangent @ (aim - here), 0.0), abs=1e-10)
-            assert torque == pytest.approx(force * tangent @ jacobian, abs=1e-11)
+            assert torque == pytest.approx(claimed * (force * tangent @ jacobian), abs=1e-11)
 
 
 def test_a_cycle_looks_at_a_frame_once_and_the_next_one_looks_again() -> None:

@@ -29,7 +29,7 @@ def test_braking_by_the_present_inertia_is_shorter_and_its_torques_are_those_tha
 
         def duration(braking: Braking = braking, kept=kept) -> float:
             told = (command.table, last.table, state.table, braking.limits)
-            return judge(*told, *bodies.tables, *kept, period, COMMANDED)[1]
+            return judge(*told, kept.table, period, COMMANDED)[1]
 
         worst = duration()
         assert braking.look(kept.moving, worst)

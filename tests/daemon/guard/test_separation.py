@@ -53,7 +53,7 @@ class Judged:
         self.command.position[:], self.last.position[:] = position, position - velocity * self.period
         self.state.position[:] = position
         told = (self.command.table, self.last.table, self.state.table, self.bodies.limits)
-        return judge(*told, *self.bodies.tables, *self.kept, self.period, EXCUSING if excuse else COMMANDED)[:2]
+        return judge(*told, self.kept.table, self.period, EXCUSING if excuse else COMMANDED)[:2]
 
 
 class Hulls:

@@ -99,7 +99,7 @@ def test_the_path_force_grows_with_the_lag_up_to_its_limit_and_never_pulls_back(
     commanded.velocity[joint] = 0.4
     commanded.position[joint] += 0.02
     robot.update(commanded)
-    force = PathForceIntegrator(PathForce(frame=TIP, gain=1500.0, limit=20.0), len(robot.joints))
+    force = PathForceIntegrator(PathForce(frame=TIP, gain=1500.0, limit=20.0), np.ones(len(robot.joints), bool))
     force.torque(robot)
     velocity = robot.carried(TIP).velocity
     direction = velocity / np.linalg.norm(velocity)

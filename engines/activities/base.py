@@ -117,6 +117,7 @@ class Planner(Protocol):
         entry_shift: float = 0.0,
         others: Sequence[Instance] = (),
         seen: Sequence[Obstacle] = (),
+        base: Base | None = None,
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan: ...
@@ -129,6 +130,7 @@ class Planner(Protocol):
         trajectories: Sequence[str] = (),
         arms: Sequence[str] = (),
         others: Sequence[Instance] = (),
+        base: Base | None = None,
         cancelled: Callable[[], bool] | None = None,
     ) -> list[Choice]: ...
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from affordance_templates.instance import Instance
+from engines.planning.collision.obstacles import placement_of
 from engines.planning.goals import message_of
 from engines.planning.ik.constraints import WORLD, Balance, CentreOfMass, Constraint, Orientation, Pose
 from engines.planning.ik.mechanism import Mechanism
@@ -41,6 +44,13 @@ def base_of(base: Base | None) -> tuple[pin.SE3, bool]:
     x, y, z, w = base.pose_in_world.orientation
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return pin.SE3(pin.utils.rotate("z", heading), np.array(base.pose_in_world.position)), base.source == "feet"
+
+
+def seen_from(root: pin.SE3, instance: Instance) -> Instance:
+    """An instance of the world, in a frame of the world."""
+    if root.isIdentity(0.0):
+        return instance
+    return replace(instance, pose_in_world=message_of(root.inverse() * placement_of(instance.pose_in_world)))
 
 
 class Footing:

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.along import Follow, touching
-from engines.planning.collision.obstacles import obstacles_of, placement_of
+from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.collision.seen import Eyes, Seen
 from engines.planning.collision.world import World
-from engines.planning.footing import Footing
-from engines.planning.goals import GoalReader, described, message_of
+from engines.planning.footing import Footing, seen_from
+from engines.planning.goals import GoalReader, described
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
@@ -82,7 +82,7 @@ class MotionPlanner:
         `position` (n,) rad, of a robot that stands on its feet; `base`: in the world, None: at its origin.
         """
         description, root = self._description, self._root_in_world(position, base)
-        instances = [self._seen_from(root, each) for each in instances]
+        instances = [seen_from(root, each) for each in instances]
         if call.arm and call.arm not in description.arms:
             raise ValueError(f"arm: got {call.arm!r}; expected one of {', '.join(description.arms)}")
         only = next(iter(description.arms)) if len(description.arms) == 1 else ""
@@ -145,11 +145,6 @@ class MotionPlanner:
             raise ValueError("position: got none; expected where the joints are of a robot that stands on its feet")
         return base * self._kinematics.frame(position, self._description.feet[0].link)
 
-    def _seen_from(self, root: pin.SE3, instance: Instance) -> Instance:
-        if root.isIdentity(0.0):
-            return instance
-        return replace(instance, pose_in_world=message_of(root.inverse() * placement_of(instance.pose_in_world)))
-
     def _moving(self, names: Sequence[str]) -> tuple[str, ...]:
         wanted: set[str] = set()
         for name in names:
@@ -186,6 +181,20 @@ class MotionPlanner:
                 looser, gave = relaxed
                 plan = MotionSearch(self, looser, start, cancelled or never, progress or quiet).plan()
                 return replace(plan, gave=tuple(told(gave)))
+
+    def check_stand(self, plan: Plan, position: Array) -> None:
+        """Raises Infeasible where a plan of arms alone, from all joints at `position` (n,) rad, does not keep the stand."""
+        if self._footing is None:
+            raise ValueError("base: got one that is held; expected one that stands on its feet")
+        start = self.configuration("position", position)
+        stands, rows = self._footing.constraints(start, plan.joints), self._rows[self._description.index(plan.joints)]
+        with self._lock:
+            for segment in plan.segments:
+                for q in segment.positions:
+                    start[rows] = q
+                    for worst in self.solver.checker.violations(stands, start)[:1]:
+                        words = f"({worst.what}) is {worst.value:.3g} {worst.unit}"
+                        raise Infeasible(worst.constraint, worst.by, worst.unit, segment.name, words)
 
     @cached_property
     def _eyes(self) -> Eyes:

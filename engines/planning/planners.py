@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
+from engines.planning.collision.obstacles import Obstacle
 from engines.planning.plan import Plan
+from engines.planning.strokes.behaviour import Choice
 from engines.planning.strokes.manipulation import ManipulationPlanner
 from handrail.messages import Base, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
@@ -33,9 +35,40 @@ class Planners:
         self._description = description
         self._kinematics = Kinematics(description)
         self._strokes = ManipulationPlanner(description, self._kinematics)
-        self.plan, self.rank = self._strokes.plan, self._strokes.rank
         self._motions: dict[bool, MotionPlanner] = {}
         self._making = threading.Lock()
+
+    def plan(
+        self, instance: Instance, trajectory: str, arm: str, position: Array, *, arc: float | None = None,
+        entry_shift: float = 0.0, others: Sequence[Instance] = (), seen: Sequence[Obstacle] = (), base: Base | None = None,
+        cancelled: Callable[[], bool] | None = None, progress: Callable[[str], None] | None = None,
+    ) -> Plan:  # fmt: skip
+        """A stroke; see ManipulationPlanner. `base` of a robot where it is not fixed: it stays there, and where it stands on its
+        feet its centre of mass stays over them, else Infeasible says by how much not.
+        """
+        from engines.planning.footing import base_of, seen_from
+
+        there, standing = base_of(base)
+        plan = self._strokes.plan(
+            seen_from(there, instance), trajectory, arm, position, arc=arc, entry_shift=entry_shift, seen=seen,
+            others=[seen_from(there, other) for other in others], cancelled=cancelled, progress=progress,
+        )  # fmt: skip
+        if standing:
+            self._planner(standing=True).check_stand(plan, position)
+        return plan
+
+    def rank(
+        self, instance: Instance, position: Array, *, trajectories: Sequence[str] = (), arms: Sequence[str] = (),
+        others: Sequence[Instance] = (), base: Base | None = None, cancelled: Callable[[], bool] | None = None,
+    ) -> list[Choice]:  # fmt: skip
+        """Choices for strokes; see ManipulationPlanner. `base` as for `plan`, but balance is for the plan to tell."""
+        from engines.planning.footing import base_of, seen_from
+
+        there, _ = base_of(base)
+        return self._strokes.rank(
+            seen_from(there, instance), position, trajectories=trajectories, arms=arms,
+            others=[seen_from(there, other) for other in others], cancelled=cancelled,
+        )  # fmt: skip
 
     @property
     def motions(self) -> MotionPlanner:

@@ -72,7 +72,7 @@ def make_plan(
         tries: list[tuple[str, float | None]] = [(arm, arc)]
         if not arm:
             choices = services.planner.rank(
-                placed, world.command, trajectories=[trajectory], others=others, cancelled=cancelled
+                placed, world.command, trajectories=[trajectory], others=others, base=world.base, cancelled=cancelled
             )
             tries = [(choice.arm, choice.arc if arc is None else arc) for choice in choices[:_TRIES]]
         plan = _first_plan(
@@ -85,6 +85,7 @@ def make_plan(
                 entry_shift=entry_shift,
                 others=others,
                 seen=strange.obstacles if strange else (),
+                base=world.base,
                 cancelled=cancelled,
                 progress=progress,
             ),
@@ -133,7 +134,7 @@ def rank_choices(services: Services, call: RankChoices, *, cancelled: _Asked | N
     with _telling("no choice", f"can't rank choices at {call.instance}"):
         found = services.planner.rank(
             placed, world.command, trajectories=[call.trajectory] if call.trajectory else [], arms=call.arms,
-            others=_others(services, call.instance), cancelled=cancelled,
+            others=_others(services, call.instance), base=world.base, cancelled=cancelled,
         )  # fmt: skip
     arms = services.description.arms
     return Choices(

@@ -273,6 +273,7 @@ class FakePlanner:
         *,
         arc=None,
         entry_shift=0.0,
+        base=None,
         others=(),
         seen=(),
         cancelled=None,
@@ -327,7 +328,9 @@ class FakePlanner:
             outputs,
         )
 
-    def rank(self, instance, position, *, trajectories=(), arms=(), others=(), cancelled=None) -> list[Choice]:
+    def rank(
+        self, instance, position, *, trajectories=(), arms=(), others=(), base=None, cancelled=None
+    ) -> list[Choice]:
         """Left can do all of it at 0.5, right at 1.5, and a part at 2.5."""
         choices = [("left", 0.5, 1.0, 0.2, ""), ("right", 1.5, 1.0, 0.7, ""), ("right", 2.5, 0.25, 0.1, "reach")]
         return [

@@ -18,7 +18,8 @@ from statemachine.statemachine import StateChart
 
 from engines.activities.base import SHAPES, Argument, Kind, goals_in
 from engines.nodes import library as node_library
-from engines.programs import nested
+from engines.programs import actions, nested
+from engines.programs.actions import Action
 from engines.programs.call import SIGNATURES, check_call
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.program import CONSTANTS, RETRIES, Program, State, Transition
@@ -29,7 +30,7 @@ from handrail.config import ConfigError
 
 ERROR_OUTPUTS = frozenset({"message", "reason"})
 """what `_event.data` has after `error.execution`"""
-RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure", "autonomy_level", "asked"})
+RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure", "autonomy_level", "asked", "logged", "sent"})
 STOPPED = "stopped"
 """id of the final state that every chart gets, for StopRun"""
 
@@ -92,12 +93,7 @@ def _states_by_id(program: Program) -> dict[str, State]:
     states: dict[str, State] = {}
     for state in program.states():
         for id, path in ((state.id, state.path), *((name, f"{state.path}.history.{name}") for name in state.history)):
-            if (
-                not id.isidentifier()
-                or keyword.iskeyword(id)
-                or hasattr(StateChart, id)
-                or id in (STOPPED, "model", "id")
-            ):
+            if not id.isidentifier() or hasattr(StateChart, id) or id in (STOPPED, "model", "id"):
                 raise program.document.error(path, f"{id!r} can't be a state's name; expected another one")
             if id in states:
                 raise program.document.error(path, f"a state {id!r} is there already; expected names that are unique")
@@ -127,6 +123,7 @@ def _check_shape(program: Program, state: State) -> None:
         part = "outcome" if file.outcome else "detail"
         raise error(f"{state.path}.{part}", "only a top-level final state has one")
     _check_text(program, f"{state.path}.detail", file.detail, frozenset())
+    _check_actions(program, (*state.enter, *state.exit), frozenset())
 
 
 def _check_transition(program: Program, state: State, transition: Transition, states: dict[str, State]) -> None:
@@ -134,8 +131,12 @@ def _check_transition(program: Program, state: State, transition: Transition, st
     for target in (file.target or "").split():
         if target not in states:
             raise program.document.error(f"{path}.target", f"no state {target!r}; expected one of {', '.join(states)}")
-    if file.target is None and not file.set:
-        raise program.document.error(path, "leads nowhere and sets nothing; expected `target` or `set`")
+    if file.internal and not set((file.target or "").split()) <= {
+        each.id for child in state.children for each in child.all()
+    }:
+        raise program.document.error(f"{path}.internal", f"got {file.target!r}; expected a target within {state.id}")
+    if file.target is None and not file.set and not file.actions:
+        raise program.document.error(path, "leads nowhere and does nothing; expected `target`, `set` or `actions`")
     if file.after is not None:
         if file.event is not None:
             raise program.document.error(f"{path}.after", "a time-out with an event; expected one of the two")
@@ -172,6 +173,17 @@ def _check_transition(program: Program, state: State, transition: Transition, st
             known = ", ".join(program.variables) or "none"
             raise program.document.error(f"{path}.set.{name}", f"no such variable; expected one of {known}")
         _check_expression(program, f"{path}.set.{name}", expression, outputs or frozenset())
+    _check_actions(program, transition.actions, outputs or frozenset())
+
+
+def _check_actions(program: Program, given: tuple[Action, ...], outputs: Set[str]) -> None:
+    actions.check(
+        program.document,
+        given,
+        list(program.variables),
+        lambda path, value: _check_expression(program, path, value, outputs),
+        lambda path, text: _check_text(program, path, text, outputs),
+    )
 
 
 def _data_of(program: Program, path: str, event: str, states: dict[str, State]) -> frozenset[str]:

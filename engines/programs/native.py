@@ -6,9 +6,11 @@ failure is known only to the program whose activity has failed: a parallel regio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from engines.programs import actions
+from engines.programs.actions import Action
 from engines.programs.check import STOPPED, takes
 from engines.programs.expressions import FAILED_IN, location, within
 from engines.programs.program import AUTONOMY, Program, State, Transition
@@ -47,9 +49,10 @@ def chart(program: Program, initial: Mapping[str | None, str]) -> dict[str, Any]
 
 def _state(state: State, initial: Mapping[str | None, str], first: bool, several: bool) -> dict[str, Any]:
     """`first`: it is entered with its parent; `several`: there are programs that others run."""
+    done = {"enter": actions.native(state.enter, state.scope), "exit": actions.native(state.exit, state.scope)}
     if state.file.final:
-        return {"final": True, "initial": first}
-    native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel}
+        return {"final": True, "initial": first, **done}
+    native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel, **done}
     native["transitions"] = [
         each for k, way in enumerate(state.transitions) for each in _ways(way, state, f"{state.id}.{k}", several)
     ]
@@ -109,28 +112,34 @@ def _transition(way: Transition, scope: str, cond: str | None, timeout: str = ""
     }
     if cond is not None:
         native["cond"] = within(scope, cond)
+    if way.file.internal:
+        native["internal"] = True
     if way.file.after is not None:
         native["event"] = timeout
-    return native | _sets(way.file.set, scope)
+    return native | _does(way.file.set, way.actions, scope)
 
 
 def _taken(way: Transition, scope: str, event: str) -> dict[str, Any]:
     """The same way out for an operator who orders it: no guard, and nothing is set from the data of an event that did not come."""
     known = {name: value for name, value in way.file.set.items() if "_event" not in str(value)}
-    return {"event": event, "target": way.file.target, **_sets(known, scope)}
+    blind = [each for each in way.actions if "_event" not in str(each)]
+    return {"event": event, "target": way.file.target, **_does(known, blind, scope)}
 
 
-def _sets(values: Mapping[str, Any], scope: str) -> dict[str, Any]:
-    if not values:
+def _does(values: Mapping[str, Any], then: Sequence[Action], scope: str) -> dict[str, Any]:
+    if not values and not then:
         return {}
     return {
         "on": [
-            {
-                "assign": {
-                    "location": location(scope, name),
-                    "expr": within(scope, expression if isinstance(expression, str) else repr(expression)),
+            *(
+                {
+                    "assign": {
+                        "location": location(scope, name),
+                        "expr": within(scope, expression if isinstance(expression, str) else repr(expression)),
+                    }
                 }
-            }
-            for name, expression in values.items()
+                for name, expression in values.items()
+            ),
+            *actions.native(then, scope),
         ]
     }

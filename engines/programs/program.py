@@ -10,13 +10,14 @@ import functools
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from engines.programs import scxml
+from engines.programs import actions, scxml
+from engines.programs.actions import Action
 from engines.programs.schema import (
     HistoryFile,
     Output,
@@ -48,6 +49,7 @@ class Transition:
     path: str
     """where it stands in the file"""
     file: TransitionFile
+    actions: tuple[Action, ...] = ()
 
 
 @dataclass
@@ -64,10 +66,18 @@ class State:
     transitions: list[Transition] = field(default_factory=list)
     history: dict[str, list[Transition]] = field(default_factory=dict)
     history_type: dict[str, str] = field(default_factory=dict)
+    enter: tuple[Action, ...] = ()
+    exit: tuple[Action, ...] = ()
     scope: str = ""
     """id of the state that runs the program that it belongs to; empty: the program itself"""
     called: Program | None = None
     """the program that it runs (`do: program`); the states of that are its children"""
+
+    def all(self) -> Iterator[State]:
+        """It and the states in it."""
+        yield self
+        for child in self.children:
+            yield from child.all()
 
     @property
     def name(self) -> str:
@@ -180,7 +190,7 @@ class _Reader:
         content = file.read_bytes()
         roots = tuple(_state(document, f"states.{id}", id, None) for id in whole.states)
         self._chain.append((file.stem, file.resolve()))
-        callers = [state for root in roots for state in _all_of(root) if state.file.do == PROGRAM]
+        callers = [state for root in roots for state in root.all() if state.file.do == PROGRAM]
         for state in callers:
             state.called = self._called(document, state)
         self._chain.pop()
@@ -231,12 +241,6 @@ class _Reader:
         return self._read[name]
 
 
-def _all_of(state: State) -> Iterator[State]:
-    yield state
-    for child in state.children:
-        yield from _all_of(child)
-
-
 def _within(state: State, parent: State, caller: str) -> State:
     """A program's state as one of the program whose state `caller` runs it."""
 
@@ -250,7 +254,7 @@ def _within(state: State, parent: State, caller: str) -> State:
     def way(old: Transition) -> Transition:
         target = None if old.file.target is None else " ".join(map(named, old.file.target.split()))
         events = None if old.file.event is None else " ".join(map(event, old.file.event.split()))
-        return Transition(old.path, msgspec.structs.replace(old.file, target=target, event=events))
+        return replace(old, file=msgspec.structs.replace(old.file, target=target, event=events))
 
     copy = State(
         named(state.id),
@@ -260,6 +264,8 @@ def _within(state: State, parent: State, caller: str) -> State:
         transitions=[way(each) for each in state.transitions],
         history={named(name): [way(each) for each in ways] for name, ways in state.history.items()},
         history_type={named(name): type for name, type in state.history_type.items()},
+        enter=state.enter,
+        exit=state.exit,
         scope=named(state.scope) if state.scope else caller,
         called=state.called,
     )
@@ -271,6 +277,8 @@ def _state(document: config.Document, path: str, id: str, parent: State | None) 
     file = document.convert(StateFile, path) if document.at(path) is not None else StateFile()
     state = State(id, path, file, parent)
     state.transitions = _transitions(document, f"{path}.transitions", len(file.transitions))
+    state.enter = actions.read(document, f"{path}.enter", file.enter)
+    state.exit = actions.read(document, f"{path}.exit", file.exit)
     for name in file.history:
         where = f"{path}.history.{name}"
         history = document.convert(HistoryFile, where)
@@ -281,7 +289,11 @@ def _state(document: config.Document, path: str, id: str, parent: State | None) 
 
 
 def _transitions(document: config.Document, path: str, count: int) -> list[Transition]:
-    return [Transition(f"{path}[{k}]", document.convert(TransitionFile, f"{path}[{k}]")) for k in range(count)]
+    files = {f"{path}[{k}]": document.convert(TransitionFile, f"{path}[{k}]") for k in range(count)}
+    return [
+        Transition(where, file, actions.read(document, f"{where}.actions", file.actions))
+        for where, file in files.items()
+    ]
 
 
 def _each(document: config.Document, path: str, parts: Mapping[str, Any], kind: type[_T]) -> dict[str, _T]:

@@ -45,6 +45,25 @@ class Output(_Struct):
     title: str = ""
 
 
+class ActionFile(_Struct, rename={"raise_": "raise", "if_": "if", "else_": "else"}):
+    """Something that the program does by itself: one of `set`, `raise`, `send`, `log`, `if`."""
+
+    set: dict[str, Any] = {}
+    """variable → expression"""
+    raise_: str = ""
+    """an event, before all that wait"""
+    send: str = ""
+    """an event, after all that wait"""
+    after: float | str = 0.0
+    """s of the run's time, until it is sent (a number, or an expression)"""
+    log: str = ""
+    """words for people, with {expression} in them"""
+    if_: str = ""
+    """an expression: `then` is done where it holds, else `else`"""
+    then: list[Any] = []
+    else_: list[Any] = []
+
+
 class TransitionFile(_Struct):
     """SCXML's transition. `set`: variable → expression, carried out on the way."""
 
@@ -53,7 +72,11 @@ class TransitionFile(_Struct):
     after: float | str | None = None
     """s of the run's time in the state (a number, or an expression), instead of an event: a time-out"""
     cond: str | None = None
+    internal: bool = False
+    """to a state within: this one is not left for it"""
     set: dict[str, Any] = {}
+    actions: list[Any] = []
+    """done on the way, after `set`"""
     autonomy: Literal["off", "low", "high", "full", ""] = ""
     """the operator is asked before it is taken, where the run's level is not above this one"""
     title: str = ""
@@ -77,6 +100,9 @@ class StateFile(_Struct, rename={"with_": "with"}):
     with_: dict[str, Any] = {}
     retry: Annotated[int, msgspec.Meta(ge=0)] = 0
     """how often its activity is begun anew when it fails, before any transition for the failure counts"""
+    enter: list[Any] = []
+    """actions, where it is entered; `exit`: where it is left"""
+    exit: list[Any] = []
     transitions: list[Any] = []
     states: dict[str, Any] = {}
     history: dict[str, Any] = {}
@@ -102,7 +128,7 @@ def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
 
     :param activities: what `do` may say → its arguments → whether they must be given
     """
-    kinds = (ProgramFile, StateFile, TransitionFile, HistoryFile, Resource, Parameter, Output)
+    kinds = (ProgramFile, StateFile, TransitionFile, ActionFile, HistoryFile, Resource, Parameter, Output)
     (top, *_), parts = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
 
     def of(kind: type) -> dict[str, Any]:
@@ -114,6 +140,15 @@ def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
             for kind in (ProgramFile, StateFile)
         ),
         *((kind, "transitions", {"type": "array", "items": of(TransitionFile)}) for kind in (StateFile, HistoryFile)),
+        *(
+            (kind, field, {"type": "array", "items": of(ActionFile)})
+            for kind, fields in (
+                (StateFile, ("enter", "exit")),
+                (TransitionFile, ("actions",)),
+                (ActionFile, ("then", "else")),
+            )
+            for field in fields
+        ),
         (StateFile, "history", {"type": "object", "additionalProperties": of(HistoryFile)}),
         (ProgramFile, "resources", {"type": "object", "additionalProperties": of(Resource)}),
         (ProgramFile, "parameters", {"type": "object", "additionalProperties": of(Parameter)}),

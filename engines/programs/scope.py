@@ -31,6 +31,8 @@ class ProgramData:
         self.failure = ""
         self.autonomy_level = max(AUTONOMY.values())
         self._asked: Callable[[str], None] = lambda way: None
+        self._logged: Callable[[str], None] = lambda text: None
+        self._sent: Callable[[str], None] = lambda event: None
         for name, value in names.items():
             setattr(self, name, value)
 
@@ -42,6 +44,28 @@ class ProgramData:
     @asked.setter
     def asked(self, way: str) -> None:
         self._asked(way)
+
+    @property
+    def logged(self) -> str:
+        """Assigned to by actions that log."""
+        return ""
+
+    @logged.setter
+    def logged(self, text: str) -> None:
+        self._logged(text)
+
+    @property
+    def sent(self) -> str:
+        """Assigned to by actions that send: the event, and after how many s."""
+        return ""
+
+    @sent.setter
+    def sent(self, event: str) -> None:
+        self._sent(event)
+
+    def when_told(self, logged: Callable[[str], None], sent: Callable[[str], None]) -> None:
+        """Have them told of what actions log and send."""
+        self._logged, self._sent = logged, sent
 
     def when_asked(self, call: Callable[[str], None]) -> None:
         """Have `call` told of such a way."""

@@ -1,13 +1,15 @@
 """SCXML files as programs: what of W3C's SCXML 1.0 a program can say becomes the same document as of a YAML file, line by line.
 
-States, parallel states, history, finals, transitions with events, conditions and assignments are SCXML's own. `<invoke
-type="prompt">` is what a state does, each `<param>` an argument of it. What has no counterpart in a program (executable content but
-`<assign>` in a transition, `<script>`, `<send>`, `<raise>`) is refused by file, line and element.
+States, parallel states, history, finals, transitions with events and conditions, `<onentry>`, `<onexit>` and what is done there and
+in transitions (`<assign>`, `<raise>`, `<send>`, `<log>`, `<if>`) are SCXML's own. `<invoke type="prompt">` is what a state does,
+each `<param>` an argument of it. What has no counterpart in a program (`<script>`, `<foreach>`, `<cancel>`, `<send>` to somebody or
+with data) is refused by file, line and element.
 """
 
 from __future__ import annotations
 
 import ast
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,11 @@ SUFFIX = ".scxml"
 OWN = "https://handrail/scxml"
 """namespace of attributes of ours: `resource`, `template`, `parameter`, `unit`, `min`, `max` of `<data>`"""
 _SCXML = "http://www.w3.org/2005/07/scxml"
-_DATAMODELS = ("null", "python", "handrail")
+_DATAMODELS = ("null", "python", "handrail", "ecmascript")
+"""of ecmascript what means the same in Python; its words for True, False and None are known everywhere"""
+_WORDS = {"true": True, "false": False, "null": None, "undefined": None}
+_PROCESSORS = ("scxml", "http://www.w3.org/TR/scxml/#SCXMLEventProcessor")
+_TIME = re.compile(r"(\d*\.?\d+)(s|ms)")
 _ATTRIBUTES = {
     "scxml": {"name", "initial", "version", "datamodel", "binding"},
     "state": {"id", "initial"},
@@ -28,7 +34,15 @@ _ATTRIBUTES = {
     "final": {"id"},
     "history": {"id", "type"},
     "transition": {"event", "cond", "target", "type"},
+    "onentry": set(),
+    "onexit": set(),
     "assign": {"location", "expr"},
+    "raise": {"event"},
+    "send": {"event", "delay", "delayexpr", "type", "target"},
+    "log": {"label", "expr"},
+    "if": {"cond"},
+    "elseif": {"cond"},
+    "else": set(),
     "data": {"id", "expr", *(f"{OWN} {name}" for name in ("resource", "template", "parameter", "unit", "min", "max"))},
     "invoke": {"type", "id"},
     "param": {"name", "expr"},
@@ -69,6 +83,16 @@ def _parsed(file: Path) -> _Element:
         raise ConfigError(file, parser.CurrentLineNumber, "<!DOCTYPE>", "a document type; expected none")
 
     parser.StartElementHandler = start
+
+    def words(text: str) -> None:
+        if text.strip() and inside[-1].tag in _ATTRIBUTES:  # others are refused by name
+            place = inside[-1]
+            shown = text.strip()[:40]
+            raise ConfigError(
+                file, parser.CurrentLineNumber, f"<{place.tag}>", f"has {shown!r} in it; expected elements"
+            )
+
+    parser.CharacterDataHandler = words
     parser.EndElementHandler = lambda tag: inside.pop()
     parser.StartDoctypeDeclHandler = doctype
     try:
@@ -113,7 +137,7 @@ class _Reader:
                 if way.keys() != {"target"}:
                     raise self._error(each, "does something on the way; expected a target alone")
                 first = way["target"]
-            elif top or each.tag not in ("transition", "history", "invoke", "donedata"):
+            elif top or each.tag not in ("transition", "history", "invoke", "donedata", "onentry", "onexit"):
                 raise self._refused(each)
         if first:
             if first not in states:
@@ -126,6 +150,7 @@ class _Reader:
     def _state(self, element: _Element, *, top: bool) -> Map:
         self._known(element)
         state, ways, histories = Map(), Seq(), Map()
+        entered = {"onentry": Seq(), "onexit": Seq()}
         if element.tag == "final":
             _put(state, "final", True, element.line)
             if top:
@@ -151,35 +176,137 @@ class _Reader:
                     raise self._error(each, f"id={each.attributes['id']!r}; expected none, or the state's")
                 _put(state, "do", each.attributes.get("type", ""), each.line)
                 _put(state, "with", self._parameters(each), each.line)
-            elif each.tag == "donedata" and element.tag == "final" and top:
+            elif each.tag in entered:
+                self._known(each)
+                steps = self._actions(each.children, each.line)
+                entered[each.tag] += steps
+                entered[each.tag].lines += steps.lines
+            elif each.tag == "donedata":
+                if element.tag != "final" or not top:
+                    raise self._refused(each)
                 for name, value in self._parameters(each).items():
                     _put(state, name, value, each.line)
         children = self._states(element)
         if element.tag == "parallel":
             _put(state, "parallel", True, element.line)
-        for name, part in (("states", children), ("transitions", ways), ("history", histories)):
+        parts = {"enter": entered["onentry"], "exit": entered["onexit"]}
+        for name, part in {**parts, "states": children, "transitions": ways, "history": histories}.items():
             if part:
                 _put(state, name, part, element.line)
         return state
 
     def _transition(self, element: _Element) -> Map:
         self._known(element)
-        if element.attributes.get("type", "external") != "external":
-            raise self._error(element, f"type={element.attributes['type']!r}; expected none, or 'external'")
-        way, sets = Map(), Map()
-        for name in ("event", "cond", "target"):
+        way = Map()
+        if (kind := element.attributes.get("type", "external")) not in ("external", "internal"):
+            raise self._error(element, f"type={kind!r}; expected 'internal', 'external' or none")
+        if kind == "internal":
+            _put(way, "internal", True, element.line)
+        for name in ("event", "target"):
             if name in element.attributes:
                 _put(way, name, element.attributes[name], element.line)
-        for each in element.children:
-            if each.tag != "assign":
-                raise self._refused(each)
-            self._known(each)
-            if not each.attributes.keys() >= {"location", "expr"}:
-                raise self._error(each, "expected `location` and `expr`")
-            self._once(sets, each.attributes["location"], each.attributes["expr"], each)
-        if sets:
+        if "cond" in element.attributes:
+            _put(way, "cond", self._expression(element.attributes["cond"]), element.line)
+        steps, sets = self._actions(element.children, element.line), Map()
+        for step in steps if all(step.keys() == {"set"} for step in steps) else ():
+            for name, value in step["set"].items():
+                if name not in sets:
+                    _put(sets, name, value, step.lines["set"])
+        if len(sets) == len(steps) > 0:
             _put(way, "set", sets, element.line)
+        elif steps:
+            _put(way, "actions", steps, element.line)
         return way
+
+    def _actions(self, elements: list[_Element], line: int) -> Seq:
+        """What is done, in order."""
+        steps = Seq()
+        for each in elements:
+            step = Map()
+            match each.tag:
+                case "assign":
+                    self._given(each, "location", "expr")
+                    sets = Map()
+                    _put(sets, each.attributes["location"], self._expression(each.attributes["expr"]), each.line)
+                    _put(step, "set", sets, each.line)
+                case "raise":
+                    self._given(each, "event")
+                    _put(step, "raise", each.attributes["event"], each.line)
+                case "send":
+                    self._send(each, step)
+                case "log":
+                    self._given(each)
+                    expression = self._expression(each.attributes.get("expr", ""))
+                    if any(sign in expression for sign in "{}:!"):
+                        raise self._error(each, f"expr={expression!r}; expected none of {{ }} : ! in it")
+                    words = [each.attributes.get("label", ""), f"{{{expression}}}" if expression else ""]
+                    _put(step, "log", ": ".join(filter(None, words)), each.line)
+                case "if":
+                    self._given(each, "cond")
+                    self._if(each, each, each.children, step)
+                case _:
+                    raise self._refused(each)
+            steps.append(step)
+            steps.lines.append(each.line)
+        return steps
+
+    def _if(self, whole: _Element, branch: _Element, children: list[_Element], step: Map) -> None:
+        """`children`: what follows `branch`, an if, elseif or else."""
+        at = next((k for k, each in enumerate(children) if each.tag in ("elseif", "else")), len(children))
+        _put(step, "if", self._expression(branch.attributes["cond"]), branch.line)
+        _put(step, "then", self._actions(children[:at], branch.line), branch.line)
+        if at == len(children):
+            return
+        other, rest = children[at], children[at + 1 :]
+        if other.tag == "else":
+            self._given(other)
+            _put(step, "else", self._actions(rest, other.line), other.line)
+            return
+        self._given(other, "cond")
+        inner, branches = Map(), Seq()
+        self._if(whole, other, rest, inner)
+        branches.append(inner)
+        branches.lines.append(other.line)
+        _put(step, "else", branches, other.line)
+
+    def _send(self, element: _Element, step: Map) -> None:
+        self._given(element, "event")
+        if element.children:
+            raise self._error(element.children[0], "data for somebody else; expected a <send> of an event alone")
+        given = element.attributes
+        if (kind := given.get("type", "scxml")) not in _PROCESSORS:
+            raise self._error(element, f"type={kind!r}; expected none, or {_PROCESSORS[1]}")
+        if "target" in given:
+            if given["target"] != "#_internal" or "delay" in given or "delayexpr" in given:
+                raise self._error(element, f"target={given['target']!r}; expected none, or '#_internal' without delay")
+            _put(step, "raise", given["event"], element.line)
+            return
+        _put(step, "send", given["event"], element.line)
+        delay = given.get("delay", "")
+        if "delayexpr" in given:
+            delay = str(self._literal(element, given["delayexpr"]))
+        if delay:
+            found = _TIME.fullmatch(delay)
+            if found is None:
+                raise self._error(element, f"delay {delay!r}; expected a time such as 1.5s or 200ms")
+            if seconds := float(found[1]) / (1000 if found[2] == "ms" else 1):
+                _put(step, "after", seconds, element.line)
+
+    def _given(self, element: _Element, *must: str) -> None:
+        self._known(element)
+        if missing := [name for name in must if name not in element.attributes]:
+            raise self._error(element, f"expected {' and '.join(f'`{name}`' for name in missing)}")
+
+    def _expression(self, text: str) -> str:
+        """In Python's words."""
+        try:
+            tree = ast.parse(text.strip(), mode="eval")
+        except SyntaxError:
+            return text  # as the check says
+        words = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in _WORDS]
+        if not words:
+            return text
+        return ast.unparse(_InPython().visit(tree))
 
     def _data(self, element: _Element) -> None:
         if element.tag != "data":
@@ -220,7 +347,7 @@ class _Reader:
 
     def _literal(self, element: _Element, text: str) -> Any:
         try:
-            return ast.literal_eval(text)
+            return ast.literal_eval(self._expression(text))
         except (ValueError, SyntaxError) as problem:
             raise self._error(
                 element, f"got {text!r}; expected a number, a text in quotes, True, False or None"
@@ -250,11 +377,20 @@ class _Reader:
 
     def _refused(self, element: _Element) -> ConfigError:
         return self._error(
-            element, "no program has that here; expected states, transitions with <assign>, <invoke>, history"
+            element,
+            "no program has that here; expected states, transitions, <onentry>, <onexit>, <invoke>, history, and in them "
+            "<assign>, <raise>, <send>, <log> or <if>",
         )
 
     def _error(self, element: _Element, problem: str) -> ConfigError:
         return ConfigError(self._file, element.line, f"<{element.tag}>", problem)
+
+
+class _InPython(ast.NodeTransformer):
+    """ECMAScript's words as Python's."""
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return ast.Constant(_WORDS[node.id]) if node.id in _WORDS else node
 
 
 def _put(target: Map, key: str, value: Any, line: int) -> None:

@@ -6,6 +6,7 @@ from two sides, and none is lost between the end of one macrostep and the next.
 
 from __future__ import annotations
 
+import functools
 import logging
 import queue
 import threading
@@ -25,7 +26,7 @@ from engines.programs.check import STOPPED
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.native import AFTER, ALLOW, RETRY, STOP, TAKE
 from engines.programs.program import AUTONOMY, RETRIES, Program, State
-from engines.programs.scope import NO_VALUE, Scopes
+from engines.programs.scope import NO_VALUE, Scope, Scopes
 from engines.runs.autonomy import Question
 from engines.runs.clock import RunClock
 from engines.runs.gate import RunGate
@@ -66,6 +67,7 @@ class Chart(Interpreter):
         withdraw: Callable[[str], None] = lambda state: None,
         start_at: Iterable[str] = (),
         outlasts: frozenset[str] = frozenset(),
+        log: Callable[[str, str], None] = lambda level, text: None,
     ):
         """`make` makes a state's activity when it is entered.
 
@@ -77,6 +79,7 @@ class Chart(Interpreter):
         :param withdraw: told of each state that was left, so that nothing is asked about it any more
         :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
         :param outlasts: reasons of failures that the program does not hear of: the gate closes, and the activity begins anew
+        :param log: told of what the program logs
         :raises ValueError: no such state, or states that can't be active together
         """
         evaluator = ProgramEvaluator()
@@ -93,6 +96,8 @@ class Chart(Interpreter):
         start_at = tuple(start_at)
         self._scopes = Scopes(program, evaluator, names)
         self._scopes.own.data.when_asked(self._asks)
+        for scope in self._scopes:
+            scope.data.when_told(functools.partial(self._logs, log, scope), functools.partial(self._sends, scope))
         self._by_id = {state.id: state for state in program.states()}
         self._fresh: set[str] = set()
         """active states that run a program in which nothing has been done yet"""
@@ -201,6 +206,19 @@ class Chart(Interpreter):
             for scope in self._scopes if source is None else [self._scopes[source.rpartition("/")[0]]]:
                 scope.data.failure = str(told.get("message") or told.get("error", ""))
                 scope.reason = str(told.get("reason", ""))
+
+    def _logs(self, log: Callable[[str, str], None], scope: Scope, text: str) -> None:
+        log("info", scope.words(text))
+
+    def _sends(self, scope: Scope, event: str) -> None:
+        name, _, after = event.partition("|")
+        seconds = float(scope.value(after))
+        if not 0 <= seconds < float("inf"):
+            raise ValueError(f"after: got {seconds:g}; expected a time in s")
+        if seconds:
+            self._clock.after(seconds, lambda: self.post(Event(name)))
+        else:
+            self.post(Event(name))
 
     def _asks(self, way: str) -> None:
         state, _, index = way.rpartition(".")

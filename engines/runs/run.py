@@ -99,6 +99,7 @@ class ProgramRun:
             withdraw=self._permissions.withdraw,
             start_at=self._start.states,
             outlasts=services.outlasts,
+            log=services.log,
         )
         self._chart.set_autonomy(autonomy)
         self._lock = threading.RLock()

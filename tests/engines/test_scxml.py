@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from engines.activities.base import ActivityFailed
 from engines.programs import program
 from engines.programs.statechart import Chart
+from engines.runs.clock import RunClock
 from handrail.config import ConfigError
 
 from .test_statechart import Step
@@ -103,10 +106,17 @@ def test_it_is_found_in_a_workspace_by_its_name(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("<initial>", "<onentry><raise event='x'/></onentry><initial>", r":10: <onentry>: no program has that here"),
+        ("<initial>", "<onentry><foreach/></onentry><initial>", r":10: <foreach>: no program has that here"),
+        ("<initial>", "<onentry><raise/></onentry><initial>", r":10: <raise>: expected `event`"),
+        ("<initial>", "<onentry><raise event='done.x'/></onentry><initial>", r":10: states\.work\.enter\[0\]: got 'done\.x'"),
+        ("<initial>", "<onexit><send event='x' target='#_parent'/></onexit><initial>", r":10: <send>: target='#_parent'; expected"),
+        ("<initial>", "<onexit><send event='x' delay='1h'/></onexit><initial>", r":10: <send>: delay '1h'; expected a time"),
+        ("<initial>", "<onexit><log expr='nobody'/></onexit><initial>", r":10: states\.work\.exit\[0\]\.log: unknown name"),
+        ("<initial>", "<onexit><if cond='n == 1'/></onexit><initial>", r":10: states\.work\.exit\[0\]\.then: missing"),
+        ("<initial>", "words<initial>", r":10: <state>: has 'words' in it; expected elements"),
         ("</scxml>", "<script>x</script></scxml>", r":24: <script>: no program has that here"),
-        ("<assign ", "<log label='x'/><assign ", r":17: <log>: no program has that here"),
-        ('version="1.0" name', 'version="1.0" datamodel="ecmascript" name', r":2: <scxml>: datamodel='ecmascript'; expected"),
+        ("<assign ", "<cancel sendid='x'/><assign ", r":17: <cancel>: no program has that here"),
+        ('version="1.0" name', 'version="1.0" datamodel="xpath" name', r":2: <scxml>: datamodel='xpath'; expected"),
         ('initial="work"', 'initial="asking"', r":2: <scxml>: initial='asking'; expected one of its own states"),
         ('target="bad"', 'target="worse"', r":21: states\.work\.transitions\[0\]\.target: no state 'worse'"),
         ("n + 1 &lt; most", "f(n)", r":17: states\.work\.states\.asking\.transitions\[0\]\.cond: .* not an expression"),
@@ -134,3 +144,22 @@ def test_a_file_that_is_not_in_utf_8_is_refused_by_its_line(tmp_path):
         program.read(file)
     file.write_bytes(text.encode())
     assert program.read(file).title == "Frag über"
+
+
+W3C = sorted((Path(__file__).parent / "w3c").glob("*.scxml"))
+
+
+@pytest.mark.parametrize("file", W3C, ids=lambda file: file.stem)
+def test_a_test_of_w3c_comes_to_its_state_pass(file):
+    clock, found = RunClock(), program.read(file)
+
+    def nothing(state, values):
+        raise AssertionError(state.id)
+
+    chart, time_ns = Chart(found, found.variables, nothing, clock=clock), 0
+    chart.begin()
+    while chart.ended is False and time_ns < 10e9:
+        if not chart.step(0.0):
+            time_ns += 50_000_000
+            clock.tick(time_ns)
+    assert chart.ended.id == "pass"

@@ -1,0 +1,128 @@
+"""What a program does by itself: in states that are entered and left, and in transitions; alone, and as a state of another one."""
+
+from __future__ import annotations
+
+import pytest
+
+from engines.programs import program
+from engines.programs.statechart import Chart
+from engines.runs.clock import RunClock
+from handrail.config import ConfigError
+
+INNER = """
+title: Inner
+variables: {n: 1}
+states:
+  first:
+    enter: [{set: {n: n + 1}}, {log: "n is {n}"}, {raise: told}]
+    exit: [{log: left}]
+    transitions:
+      - event: told
+        target: last
+        actions:
+          - if: n == 2
+            then: [{send: late, after: n * 5}, {send: soon}]
+            else: [{log: never}]
+  last: {final: true, outcome: succeeded, detail: "{n}"}
+"""
+OUTER = """
+title: Outer
+variables: {n: 10}
+states:
+  whole:
+    parallel: true
+    states:
+      working:
+        states:
+          calling:
+            do: program
+            with: {program: inner}
+            transitions: [{event: done.invoke.calling, target: over}, {event: error.execution, target: over}]
+          over: {final: true}
+      hearing:
+        states:
+          waiting: {transitions: [{event: soon, target: heard}]}
+          heard: {enter: [{log: "heard, n is {n}"}], transitions: [{event: late, target: end}]}
+          end: {enter: [{log: over}], final: true}
+    transitions: [{event: done.state.whole, target: done}]
+  done: {final: true, outcome: succeeded}
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text: str) -> program.Program:
+        for name, each in {"inner": INNER, "it": text}.items():
+            (tmp_path / f"{name}.yaml").write_text(each)
+        return program.read(tmp_path / "it.yaml", library={"inner": tmp_path / "inner.yaml"})
+
+    return read
+
+
+def run(found: program.Program) -> tuple[list[str], int]:
+    """What it logged, and how many s it took."""
+    logged: list[str] = []
+    clock, seconds = RunClock(), 0
+    chart = Chart(found, dict(found.variables), lambda *_: None, clock=clock, log=lambda _, text: logged.append(text))
+    clock.tick(0)
+    chart.begin()
+    while chart.ended is False:
+        if not chart.step(0.0):
+            seconds += 1
+            assert seconds < 100, chart.active()
+            clock.tick(seconds * 1_000_000_000)
+    return logged, seconds
+
+
+def test_events_are_raised_before_and_sent_after_others_or_after_their_time_and_words_are_logged(read):
+    assert run(read(INNER)) == (["n is 2", "left"], 0)
+
+
+def test_names_are_the_inner_programs_own_and_its_events_are_heard_by_all(read):
+    assert run(read(OUTER)) == (["n is 2", "left", "heard, n is 10", "over"], 10)
+
+
+INTERNAL = """
+title: Internal
+states:
+  around:
+    exit: [{log: left}]
+    transitions: [{event: go, target: within, internal: true}, {event: out, target: done}]
+    states:
+      outside: {enter: [{raise: go}]}
+      within: {enter: [{log: within}, {raise: out}]}
+  done: {final: true, outcome: succeeded}
+"""
+
+
+def test_an_internal_transition_does_not_leave_its_state(read):
+    assert run(read(INTERNAL))[0] == ["within", "left"]
+    assert run(read(INTERNAL.replace(", internal: true", "")))[0] == ["left", "within", "left"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            "{set: {n: n + 1}}",
+            "{set: {m: 1}}",
+            r":6: states\.first\.enter\[0\]\.set\.m: no such variable; expected one of n",
+        ),
+        ("{set: {n: n + 1}}", "{set: {n: m}}", r"enter\[0\]\.set\.n: unknown name 'm'"),
+        ("{raise: told}", "{raise: told, log: x}", r"enter\[2\]: got raise and log; expected one of set, raise"),
+        ("{raise: told}", "{}", r"enter\[2\]: got nothing; expected one of"),
+        ("{raise: told}", "{raise: error.x}", r"enter\[2\]: got 'error.x'; expected the name of one event"),
+        (
+            "{raise: told}",
+            "{raise: told, after: 1}",
+            r"enter\[2\]\.after: got 1.*; expected a time in s above 0, of what is sent",
+        ),
+        ("after: n * 5", "after: -1", r"actions\[0\]\.then\[0\]\.after: got -1"),
+        ("n is {n}", "n is {_event.name}", r"enter\[1\]\.log: .*expected no _event"),
+        ("then: [", "otherwise: [", r"actions\[0\].*otherwise"),
+    ],
+)
+def test_what_can_not_be_done_is_told_by_line_and_field(read, old, new, told):
+    assert old in INNER
+    with pytest.raises(ConfigError, match=told):
+        read(INNER.replace(old, new))

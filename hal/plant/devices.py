@@ -57,6 +57,8 @@ class DevicePlant:
                 case "power":
                     self.batteries[row] = Battery()
 
+        self.felt = np.array([wrist.carrier for wrist in self._wrists.values() if wrist.simple], np.int64)
+        """PyBullet's joints that `sense` is about"""
         joints = {row: wrist.carrier for row, wrist in self._wrists.items()}
         joints |= {row: body.joints[gripper.joint] for row, gripper in self.grippers.items()}
         self._at = {row: place for place, row in enumerate(joints)}
@@ -97,6 +99,11 @@ class DevicePlant:
             self._sensing = on
             for wrist in self._wrists.values():
                 wrist.sense(on)
+
+    def note_felt(self, on: bool) -> None:
+        """Say that somebody else has let the forces of the joints `felt` be worked out from now on, or has not."""
+        if on:
+            self._sensing = True
 
     def measure(self, due: npt.NDArray[np.bool_] | None = None) -> DeviceState:
         """Measure everything, as the world stands now; batteries only where `due` (d,), if given. Returns `state`."""

@@ -47,7 +47,7 @@ class DriveNodes:
         n = len(description.joints)
         self.actuators = actuators
         parts = DriveMemory(n, description.period_ns, description.watchdog_cycles)
-        self._memory, values, times, marks = parts.memory, parts.values, parts.times, parts.marks
+        self.memory, values, times, marks = parts.memory, parts.values, parts.times, parts.marks
         self.state, self.error, self._next = marks[kernel.STATE], marks[kernel.ERROR], marks[kernel.NEXT]
         self.state[:] = State.SWITCH_ON_DISABLED
         self.temperature, self.bus_voltage = values[kernel.TEMPERATURE], values[kernel.VOLTAGE]
@@ -84,7 +84,7 @@ class DriveNodes:
 
     def control(self, controlwords: npt.NDArray[np.uint8], addressed: npt.NDArray[np.bool_] | None = None) -> None:
         """CiA 402 controlwords (n,), low byte, for the drives that they are `addressed` to (n,) (None: to all)."""
-        if kernel.climb(controlwords, self._everyone if addressed is None else addressed, self._memory):
+        if kernel.climb(controlwords, self._everyone if addressed is None else addressed, self.memory):
             for row in np.flatnonzero(self._next != self.state):
                 self._enter(int(row), State(self.state[row]), State(self._next[row]))
 
@@ -105,7 +105,7 @@ class DriveNodes:
             command.mode,
             self._everyone if addressed is None else addressed,
             self._usual_cycles if watchdog_cycles is None else watchdog_cycles,
-            self._memory,
+            self.memory,
             self.actuators.memory,
         )
 
@@ -160,7 +160,7 @@ class DriveNodes:
         The array is the actuators' own, overwritten by the next step.
         """
         actuators = self.actuators
-        if kernel.step(self.now_ns, firmware_cycles, position, velocity, self._memory, actuators.memory):
+        if kernel.step(self.now_ns, firmware_cycles, position, velocity, self.memory, actuators.memory):
             self.brakes_moved = True
         self.now_ns += STEP_NS
         return actuators.spring_torque

@@ -82,6 +82,11 @@ class JointPort:
         """C functions are used: they were when this was made, and the client is still there."""
         return self._handle != 0 and self._place is not None and self._place.value == self._handle
 
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """What `submit` takes beside the torques, where this is `native`."""
+        return self._handle, self._body, self._places, self._memory, self._pointers
+
     def _c_sees_the_same(self, handle: int) -> bool:
         memory, moved = self._memory.copy(), self.moved.copy()
         try:
@@ -94,7 +99,7 @@ class JointPort:
     def step(self, torque: npt.NDArray[np.float64]) -> None:
         """Let the world go on by one step with torques N·m or N (driven,), and look."""
         if self.native:
-            _submit(self._handle, self._body, torque, self._places, self._memory, self._pointers)
+            submit(self._handle, self._body, torque, self._places, self._memory, self._pointers)
             return
         p.setJointMotorControlArray(
             self._body, self._driven, p.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=self._client
@@ -139,12 +144,27 @@ _step = _of_c("b3InitStepSimulationCommand", _POINTER, _POINTER)
 _request = _of_c("b3RequestActualStateCommandInit", _POINTER, _POINTER, types.int32)
 _with_velocity = _of_c("b3RequestActualStateCommandComputeLinkVelocity", types.int32, _POINTER, types.int32)
 _with_kinematics = _of_c("b3RequestActualStateCommandComputeForwardKinematics", types.int32, _POINTER, types.int32)
-_wait = _of_c("b3SubmitClientCommandAndWaitStatus", _POINTER, _POINTER, _POINTER)
+wait = _of_c("b3SubmitClientCommandAndWaitStatus", _POINTER, _POINTER, _POINTER)
 _kind = _of_c("b3GetStatusType", types.int32, _POINTER)
 _state = _of_c("b3GetStatusActualState2", types.int32, *[_POINTER] * 13)
+sensors_of = _of_c("b3CreateSensorCommandInit", _POINTER, _POINTER, types.int32)
+feel_joint = _of_c("b3CreateSensorEnable6DofJointForceTorqueSensor", types.int32, _POINTER, types.int32, types.int32)
+"""C functions for compiled code, once `JointPort.native` says that the library is loaded"""
 _FUNCTIONS = [
     each.symbol
-    for each in (_control, _set_torque, _step, _request, _with_velocity, _with_kinematics, _wait, _kind, _state)
+    for each in (
+        _control,
+        _set_torque,
+        _step,
+        _request,
+        _with_velocity,
+        _with_kinematics,
+        wait,
+        _kind,
+        _state,
+        sensors_of,
+        feel_joint,
+    )
 ]
 _TORQUE_CONTROL = int(p.TORQUE_CONTROL)
 _STATE_TOLD = 21
@@ -168,7 +188,7 @@ _numbers: Any = intrinsic(_numbers_at)
 def _look(client, body, n, places, memory, pointers):  # type: ignore[no-untyped-def]
     """Write JointPort's memory, of which n joints are driven. Raises RuntimeError if PyBullet does not answer."""
     at = pointers.ctypes.data
-    status = _wait(client, _request(client, np.int32(body)))
+    status = wait(client, _request(client, np.int32(body)))
     if (
         status == 0
         or _kind(status) != _STATE_TOLD
@@ -191,7 +211,7 @@ def _look(client, body, n, places, memory, pointers):  # type: ignore[no-untyped
 
 
 @compiled
-def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-untyped-def]
+def submit(client, body, torque, places, memory, pointers):  # type: ignore[no-untyped-def]
     """Torques, step, state. places (joints, 3), memory: JointPort's; pointers (4,): room for four addresses.
 
     Raises RuntimeError if PyBullet does not answer.
@@ -200,8 +220,8 @@ def _submit(client, body, torque, places, memory, pointers):  # type: ignore[no-
     command = _control(client, np.int32(body), np.int32(_TORQUE_CONTROL))
     for j in range(n):
         _set_torque(command, np.int32(places[j, 2]), torque[j])
-    _wait(client, command)
-    _wait(client, _step(client))
+    wait(client, command)
+    wait(client, _step(client))
     _look(client, body, n, places, memory, pointers)
 
 
@@ -212,7 +232,7 @@ def _look_at_links(client, body, links, moved, pointers):  # type: ignore[no-unt
     _with_velocity(request, np.int32(1))
     _with_kinematics(request, np.int32(1))
     at = pointers.ctypes.data
-    status = _wait(client, request)
+    status = wait(client, request)
     if status == 0 or _kind(status) != _STATE_TOLD or _state(status, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, at, at + 8) == 0:
         raise RuntimeError("PyBullet does not tell the state of its bodies")
     poses, rates = carray(_numbers(pointers[0]), 7 * 128), carray(_numbers(pointers[1]), 6 * 128)

@@ -43,7 +43,7 @@ from handrail.runtime import Runtime
 from handrail.topics import Publisher
 
 TRUTH_STEPS = 20
-"""Ground truth goes out every so many steps: 50 Hz of simulated time."""
+"""Ground truth goes out every so many steps: 50 Hz of simulated time. A multiple of those after which `World.go_on` stops."""
 SILENCE_S = 0.5
 """wall time without Sync or HoldTime after which a lock-step world runs free"""
 _PATIENCE_S = 0.2
@@ -102,9 +102,10 @@ class Service:
         return syncs, holds
 
     def _advance(self, steps: int) -> None:
-        for left in range(steps, 0, -1):
-            self.world.step(felt=left == 1)
-            if left > 1:
+        left = steps
+        while left:
+            left -= self.world.go_on(left)
+            if left:
                 self._tell_truth()
         answers = self._node.answer()
         if len(answers) or self.hub.careful:

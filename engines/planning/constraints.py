@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from engines.planning.plan import Infeasible
 from handrail.robot.guarding import Guarding
@@ -34,7 +34,13 @@ MANIPULABILITY = Constraint("manipulability", "m/rad", 0.04, 0.12, at_least=True
 TORQUE = Constraint("joint torque under gravity and the contact force", "of the limit", 0.85, 0.5, at_least=False)
 CLEARANCE = Constraint("clearance from the template's object", "m", 0.02, 0.04, at_least=True)
 SELF_CLEARANCE = Constraint("clearance of the robot from itself", "m", Guarding().planned, 0.04, at_least=True)
-"""what the loop's guard wants, and some more, so that it stops nothing which was planned"""
+"""what the loop's guard wants where a robot's file says nothing of it, and some more, so that it stops nothing which was planned"""
+
+
+def self_clearance(guard: Guarding) -> Constraint:
+    """The same for a robot whose file may say otherwise: the daemon's guard goes by that file, too."""
+    return replace(SELF_CLEARANCE, bound=guard.planned)
+
 
 Measures = Mapping[Constraint, float]
 

@@ -14,6 +14,7 @@ from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.constraints import CLEARANCE, SELF_CLEARANCE
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.plan import Infeasible
+from handrail.robot.guarding import Guarding
 
 
 def after(plan, position, description, segment=None, share=1.0):
@@ -88,6 +89,22 @@ def test_the_approach_leads_around_what_stands_in_the_straight_line(wheel_at, pl
     positions[:, rows] = approach
     assert scene.to_obstacles(positions, tool_may_touch=False).distance >= CLEARANCE.bound - 1e-3
     assert scene.to_self(positions).distance >= SELF_CLEARANCE.bound - 1e-3
+
+
+def test_a_stroke_keeps_what_the_robots_own_guard_wants(nominal_wheel, kinematics, description):
+    """m: the guard's margin is in the robot's file, and so the daemon and the planner have it from one place."""
+    wary = dataclasses.replace(description, guard=Guarding(margin=0.05))
+    scenes = [
+        CollisionScene(Mechanism.of(kinematics), robot, robot.arms["right"], obstacles_of(nominal_wheel), "it")
+        for robot in (description, wary)
+    ]
+    home = description.home_position("ready")[None]
+    assert scenes[0].to_self(home).distance == scenes[1].to_self(home).distance
+    usual, more = (scene.itself.slack(scene.to_self(home).distance) for scene in scenes)
+    assert usual - more == pytest.approx(0.05 - description.guard.margin)
+    between = scenes[1].margins.floors(scenes[1].world) - scenes[0].margins.floors(scenes[0].world)
+    assert between[scenes[0].world.of_itself] == pytest.approx(0.05 - description.guard.margin)
+    assert not between[~scenes[0].world.of_itself].any()
 
 
 def test_with_an_arc_given_but_the_arm_elsewhere_it_comes_in_anew_on_that_arc(

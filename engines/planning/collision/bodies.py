@@ -20,7 +20,6 @@ from handrail.robot.description import Arm, RobotDescription
 
 Array = NDArray[np.float64]
 
-MARGINS = Margins(itself=constraints.SELF_CLEARANCE.bound, objects=constraints.CLEARANCE.bound)
 _BETWEEN = 1e-3
 """m that a clearance may be missed by between the rows of a path at which it is kept"""
 
@@ -65,17 +64,19 @@ class CollisionScene:
             (arm.tool, name) for name in (f"* of {touched}", *sorted({solid.label for solid in seen}))
         )
         """names, as the world's, of those who may touch where the tool may"""
+        self.itself = constraints.self_clearance(description.guard)
+        self.margins = Margins(itself=self.itself.bound, objects=constraints.CLEARANCE.bound)
         itself = self.world.of_itself
         tool = self.world.touching(*self.touching)
         self._chosen: dict[tuple[Constraint, bool], Chosen] = {
-            (constraints.SELF_CLEARANCE, False): itself,
-            (constraints.SELF_CLEARANCE, True): itself,
+            (self.itself, False): itself,
+            (self.itself, True): itself,
             (constraints.CLEARANCE, False): ~itself,
             (constraints.CLEARANCE, True): ~itself & ~tool,
         }
         self._floors = {
-            False: MARGINS.floors(self.world) - _BETWEEN,
-            True: MARGINS.floors(self.world, self.touching) - _BETWEEN,
+            False: self.margins.floors(self.world) - _BETWEEN,
+            True: self.margins.floors(self.world, self.touching) - _BETWEEN,
         }
 
     def configurations(self, positions: Array) -> Array:
@@ -84,7 +85,7 @@ class CollisionScene:
 
     def to_self(self, positions: Array) -> Clearance:
         """The robot from itself."""
-        return self._smallest(positions, self._chosen[constraints.SELF_CLEARANCE, False])
+        return self._smallest(positions, self._chosen[self.itself, False])
 
     def to_obstacles(self, positions: Array, *, tool_may_touch: bool) -> Clearance:
         """What the arm carries from the obstacles; the tool counts, but for what it is at where it may touch that."""
@@ -96,12 +97,12 @@ class CollisionScene:
         if met is None:
             return None
         itself = self.world.of_itself[met.pair]
-        return (constraints.SELF_CLEARANCE if itself else constraints.CLEARANCE), met
+        return (self.itself if itself else constraints.CLEARANCE), met
 
     def way(self, start: Array, goal: Array, cancelled: Callable[[], bool]) -> Array:
         """(k, n) a clear way from positions (n,) to others. Raises Infeasible, Cancelled."""
         connector = Connector(
-            self.world, margins=MARGINS, limit_margin=constraints.LIMIT_MARGIN.bound, cancelled=cancelled
+            self.world, margins=self.margins, limit_margin=constraints.LIMIT_MARGIN.bound, cancelled=cancelled
         )
         found = connector.way(*self.configurations(np.array([start, goal])))
         positions = np.repeat(start[None], len(found), axis=0)

@@ -81,7 +81,7 @@ class Assessor:
         positions = self.all_joints(q)
         return {
             constraints.CLEARANCE: self._scene.to_obstacles(positions, tool_may_touch=tool_may_touch),
-            constraints.SELF_CLEARANCE: self._scene.to_self(positions),
+            self._scene.itself: self._scene.to_self(positions),
         }
 
     def between(self, q: Array, *, tool_may_touch: bool) -> tuple[Constraint, Nearest] | None:

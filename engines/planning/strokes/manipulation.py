@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from affordance_templates.instance import Instance
 from engines import identifiers
 from engines.planning import constraints
-from engines.planning.collision.bodies import MARGINS, CollisionScene
+from engines.planning.collision.bodies import CollisionScene
 from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import Obstacle, obstacles_of
 from engines.planning.ik.constraints import Constraint, Direction, Position
@@ -38,8 +38,8 @@ VELOCITY_SHARE = 0.7
 """of the velocity limits that a plan uses"""
 RATE_SHARE = 0.5
 """of the limits of acceleration and jerk: the rest is for changes of speed in mid-motion"""
-_VERIFIED = Margins(MARGINS.itself - 1e-3, MARGINS.objects - 1e-3)
-"""of clearance: a path's rows keep a millimetre more than what is between them"""
+_BETWEEN = 1e-3
+"""m of clearance that a path's rows keep more than what is between them"""
 
 
 class ManipulationPlanner:
@@ -139,7 +139,8 @@ class ManipulationPlanner:
     ) -> None:  # fmt: skip
         """Raises Infeasible where a look at the finished plan finds anything that it misses, Cancelled as asked."""
         limits = Limits(self.limits.velocity[assessor.rows], self.limits.acceleration[assessor.rows])
-        found = Verifier(scene.world, margins=_VERIFIED).violations(
+        kept = Margins(scene.margins.itself - _BETWEEN, scene.margins.objects - _BETWEEN)
+        found = Verifier(scene.world, margins=kept).violations(
             plan, limits, scene.configurations(position[None])[0],
             touching={leg.name: scene.touching for leg in legs if leg.may_touch},
             torque=self._description.torque_limit[assessor.rows], cancelled=cancelled,

@@ -23,6 +23,7 @@ from tablet_client.models.situation import Situation
 from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
+from tablet_client.signals_desk import SignalsDesk
 
 FRAME = 33  # ms between two looks at what has arrived, while things arrive
 FRAME_IN_SOFTWARE = 66  # the same where the processor draws: it may be the robot's own
@@ -93,6 +94,7 @@ class Desk(QObject):
         self._journal = JournalList(situation)
         self._run = RunDesk(situation, self._send)
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
+        self._signals = SignalsDesk(situation)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
@@ -113,11 +115,22 @@ class Desk(QObject):
         """Send the operator's calls through this session."""
         self._session = session
 
+    def close(self) -> None:
+        """Look no more. Python may take the desk down on any thread, and Qt's timers must not run then."""
+        self._arrived.disconnect(self._soon)
+        self._stage.changed.disconnect(self._soon)
+        self._look.stop()
+        self._ages.stop()
+
     # ---------------------------------------------------------------------------------------------------------- views
 
     @Property(_MAP, notify=headerChanged)
     def header(self) -> dict[str, Any]:
         return self._header
+
+    @Property(QObject, constant=True)
+    def signals(self) -> SignalsDesk:
+        return self._signals
 
     @Property(QObject, constant=True)
     def run(self) -> RunDesk:
@@ -230,6 +243,7 @@ class Desk(QObject):
         self._announce("_header", self._build_header(), self.headerChanged)
         self._run.build()
         self._bench.build()
+        self._signals.build()
         self._announce("_prompt", self._build_prompt(), self.promptChanged)
         self._announce("_ghost", self._build_ghost(), self.ghostChanged)
         self._announce("_ghost_time", self.situation.plans.time, self.ghostTimeChanged)

@@ -12,7 +12,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QEvent, QUrl
 from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext
-from PySide6.QtQml import QQmlApplicationEngine, QQmlError, qmlRegisterSingletonType
+from PySide6.QtQml import QQmlApplicationEngine, QQmlError, qmlRegisterSingletonType, qmlRegisterType
 from PySide6.QtQuick import QQuickWindow
 from PySide6.QtQuickControls2 import QQuickStyle
 
@@ -20,6 +20,7 @@ from handrail.robot.description import RobotDescription
 from tablet_client.desk import FRAME, FRAME_IN_SOFTWARE, Desk
 from tablet_client.models.situation import Situation
 from tablet_client.scene.stage import Stage
+from tablet_client.signals_desk import Trace
 
 _log = logging.getLogger(__name__)
 _QML = Path(__file__).parent / "qml"
@@ -40,6 +41,8 @@ class TabletWindow:
 
     def close(self) -> None:
         """Take the window down in an order that Qt survives: QML first, then what it was bound to."""
+        self.window.frameSwapped.disconnect(self.desk.frame_swapped)
+        self.desk.close()
         self.stage.close()
         self.window.close()
         self.engine.deleteLater()
@@ -107,6 +110,8 @@ def _register() -> None:
     for name in ("Theme", "Words"):
         register: Any = qmlRegisterSingletonType  # takes str, whatever its stubs say
         register(QUrl.fromLocalFile(str(_QML / f"{name}.qml")), "Handrail", 1, 0, name)
+    register = qmlRegisterType
+    register(Trace, "Handrail", 1, 0, "Trace")
 
 
 @cache

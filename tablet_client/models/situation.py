@@ -16,6 +16,7 @@ from tablet_client.models.link import Link
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
 from tablet_client.models.robot import Robot
+from tablet_client.models.signals import Signals
 from tablet_client.models.task import Task
 from tablet_client.models.world import World
 
@@ -37,6 +38,7 @@ class Situation:
         self.library: list[messages.LibraryEntry] = []
         """the robot's programs and templates"""
         self.clouds = Clouds()
+        self.signals = Signals()
         self.journal = Journal()
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
@@ -105,6 +107,7 @@ class Situation:
             self.clouds.clear()
         self.robot.attach(item.info, item.status)
         self.bench.arms = tuple(item.info.arms)
+        self.signals.describe(tuple(item.info.joints))
         self._link_news(item)
 
     def _engine_attached(self, item: arrivals.EngineAttached) -> None:
@@ -155,6 +158,7 @@ class Situation:
 
     def _robot_state(self, state: messages.RobotState) -> None:
         self.robot.state = state
+        self.signals.take(state)
 
     def _daemon_status(self, status: messages.DaemonStatus) -> None:
         before, moved = self.robot.drives, self.robot.moving

@@ -66,11 +66,13 @@ Window {
                     pages: [
                         { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
                         { name: "objects", title: qsTr("Objects"), mark: "" },
+                        { name: "signals", title: qsTr("Signals"), mark: "" },
                         { name: "journal", title: qsTr("History"), mark: "" },
                     ]
                 }
                 TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
                 ObjectsPanel { visible: tabs.page === "objects"; Layout.fillWidth: true; Layout.fillHeight: true }
+                SignalsPanel { visible: tabs.page === "signals"; Layout.fillWidth: true; Layout.fillHeight: true }
                 JournalPanel { visible: tabs.page === "journal"; Layout.fillWidth: true; Layout.fillHeight: true; clip: true }
             }
         }

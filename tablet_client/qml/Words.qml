@@ -166,6 +166,30 @@ QtObject {
         })[name] || Words.name(name)
     }
 
+    // What a joint's signal measures.
+    function quantity(code) {
+        return ({
+            position: qsTr("Position"), velocity: qsTr("Velocity"), torque: qsTr("Torque"), command: qsTr("Command"),
+            error: qsTr("Error"),
+        })[code] || code
+    }
+
+    function signalName(id) {
+        const at = id.lastIndexOf("."), owner = id.slice(0, at), what = id.slice(at + 1)
+        return owner === "force" ? qsTr("Force at the tool, %1").arg(what)
+                                 : qsTr("%1, %2").arg(owner).arg(Words.quantity(what).toLowerCase())
+    }
+
+    function signals(code, text) {
+        return ({
+            "": "",
+            too_many_signals: qsTr("Four are as many as can be told apart: take one away first."),
+            no_signal: qsTr("This robot has no such signal."),
+            saved: qsTr("Saved to %1").arg(text),
+            not_saved: qsTr("Not saved: %1").arg(text),
+        })[code] || code
+    }
+
     // One line of the journal.
     function entry(code, a) {
         const x = a[0] || "", y = a[1] || ""

@@ -94,6 +94,20 @@ class Shown:
     def key(self, key: Any) -> None:
         self.test.keyClick(self.window, key)
 
+    def count(self, item: Any, colour: Any) -> int:
+        """How many pixels of an item are about that colour."""
+        from PySide6.QtCore import QRectF
+
+        box = item.mapRectToScene(QRectF(0, 0, item.width(), item.height())).toRect()
+        image = self.window.grabWindow().copy(box)
+        near = 0
+        for x in range(image.width()):
+            for y in range(image.height()):
+                pixel = image.pixelColor(x, y)
+                off = (pixel.red() - colour.red(), pixel.green() - colour.green(), pixel.blue() - colour.blue())
+                near += max(map(abs, off)) < 40
+        return near
+
     def words(self, expression: str) -> Any:
         """A QML expression's value."""
         from PySide6.QtQml import QQmlExpression, qmlContext

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, get_args
 
+import msgspec
 import pytest
 
 from handrail.config import ConfigError
@@ -567,6 +568,41 @@ def test_every_code_of_the_models_has_words(show):
 
 
 # --------------------------------------------------------------------------------------------------------------- picture
+
+
+def test_a_signal_is_chosen_by_touch_plotted_held_and_saved(robot, show, tmp_path, monkeypatch):
+    from PySide6.QtCore import QStandardPaths
+
+    monkeypatch.setattr(QStandardPaths, "writableLocation", lambda _: str(tmp_path))
+    shown = show().drawn()
+    shown.press("tab_signals")
+    shown.press("chooseSignals")
+    shown.press("signalsOf_force")
+    shown.press("signal_force.z")
+    shown.press("chooseSignals")
+
+    def feel(newtons: float) -> None:
+        robot.time_ns += 100_000_000
+        state = msgspec.structs.replace(robot.state(), external_force=(0.0, 0.0, newtons))
+        robot.publish(state)
+        # One by one: of a stream the newest is shown, and what it replaces is not plotted.
+        shown.until(lambda: shown.desk.situation.robot.state == state)
+
+    for newtons in (0.0, 20.0, 5.0):
+        feel(newtons)
+    shown.until(lambda: shown.item("signalNow_0").property("text") == "5.0 N")
+    colour = shown.item("trace_0").property("color")
+    shown.until(lambda: shown.count(shown.item("trace_0"), colour) > 100)
+    shown.press("holdSignals")
+    feel(7.0)
+    assert shown.item("signalNow_0").property("text") == "5.0 N"
+    shown.press("saveSignals")
+    shown.until(lambda: "Saved" in shown.item("signalsSaid").property("text"))
+    (file,) = tmp_path.glob("*.csv")
+    rows = [line.split(",") for line in file.read_text(encoding="utf-8").splitlines()]
+    assert rows[0] == ["time [s]", "force.z [N]"] and [row[1] for row in rows[-3:]] == ["0", "20", "5"]
+    shown.press("holdSignals")
+    shown.until(lambda: shown.item("signalNow_0").property("text") == "7.0 N")
 
 
 def test_the_scene_is_really_drawn(asking, robot):

@@ -30,15 +30,15 @@ def resident_mb(process: Process) -> float:
 
 
 def moved(robot: Robot, joint: str, by: float) -> bool:
-    """Move a joint to its end; False where a busy machine kept the server from answering in wall time."""
+    """Move a joint to its end; False where a busy machine kept the server from answering, or this process from checking in."""
     try:
         outcome = robot.move(joint, by, MOVE_S)
     except RefusedError as error:
         assert "gave no answer" in str(error), str(error)
         robot.daemon.wait_status(lambda status: not status.action, "what was asked for has ended", 600.0)
         return False
-    assert outcome == "done"
-    return True
+    assert outcome in ("done", "owner_lost"), outcome
+    return outcome == "done"
 
 
 @pytest.mark.soak
@@ -82,6 +82,6 @@ def test_an_hour_in_lock_step_goes_by_without_a_fault_a_lost_cycle_or_growing_me
     for name, seen in memory.items():
         assert max(seen) - seen[0] < GROWTH_MB, f"{name}: {seen[0]:.1f} MB, then up to {max(seen):.1f} MB"
     told = ", ".join(f"{name} {seen[0]:.1f} to {seen[-1]:.1f} MB" for name, seen in memory.items())
-    assert moves > unheard
+    assert unheard <= 1 + moves // 50, "a busy machine is no excuse for more"
     print(f"{cycles} cycles, {moves} motions, {unheard} unheard; {told}")
     print(f"work p99 {last.work.p99_us:.0f} µs, longest {last.work.max_us:.0f} µs")

@@ -9,6 +9,7 @@ from handrail.robot import library as robots
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(1800)
 def test_let_down_by_its_gantry_it_stands_for_half_a_minute_with_feet_that_stay():
     told = stand(robots.load("talos"), STAND_S)
     assert told["slip"] < SLIP_MM

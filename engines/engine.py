@@ -42,6 +42,7 @@ from engines.programs.deployment import Deployed
 from engines.programs.outline import outline
 from engines.programs.rehearsal import Rehearsal
 from engines.reach.desk import ReachDesk
+from engines.releases import saving
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
 from engines.runs.job import Job
@@ -183,6 +184,8 @@ class Engine:
             m.GetEngine: lambda call: self._snapshot(),
             **node_answers(self._services.nodes, _in_thread),
             m.PutBundle: lambda call: _in_thread(functools.partial(self._put_bundle, call), "bundle"),
+            m.GetProgram: lambda call: _in_thread(functools.partial(saving.source, call), "program"),
+            m.SaveProgram: lambda call: _in_thread(functools.partial(self._save_program, call), "save"),
             m.GetReleases: lambda call: self._releases.listing(self._name),
             m.SetJoint: lambda call: affordances.set_joint(call.name, call.joint, call.position).state(),
             m.GetEngines: lambda call: m.Engines(engines=[self._info()]),
@@ -337,9 +340,18 @@ class Engine:
             raise refuse(str(failed)) from failed
 
     def _put_bundle(self, call: m.PutBundle) -> m.BundleState:
+        def put() -> m.BundleState:
+            self._releases.take(call.pieces)
+            return self._releases.put(call)
+
+        return self._brought(put)
+
+    def _save_program(self, call: m.SaveProgram) -> m.BundleState:
+        return self._brought(lambda: saving.save(call, self._releases))
+
+    def _brought(self, bring: Callable[[], m.BundleState]) -> m.BundleState:
         before = self._releases.folder
-        self._releases.take(call.pieces)
-        state = self._releases.put(call)
+        state = bring()
         if state.release is not None and self._releases.folder != before:
             self._code_changed(state.release)
         return state

@@ -62,6 +62,7 @@ from handrail.messages import (
     Run,
     RunFrom,
     RunTemplate,
+    SaveProgram,
     SensorEvent,
     SetJoint,
     SetSpeed,
@@ -120,9 +121,19 @@ GUEST_EVENTS = {
 """those that an engine on another machine may tell: instances are the first engine's"""
 REMOTE_ANSWER: Any = Answer | NoAnswer
 
-CODE = (PutBundle, RollBack, ReloadNode)
+CODE = (PutBundle, SaveProgram, RollBack, ReloadNode)
 """calls that change which code runs on the robot: a developer's. StartNode is none: it runs what the library has"""
-SIGNED = (PutBundle, RollBack, CommandGripper, BindKeepalive, GetChallenge, KeepAlive, ReleaseKeepalive, SetSpeed)
+SIGNED = (
+    PutBundle,
+    SaveProgram,
+    RollBack,
+    CommandGripper,
+    BindKeepalive,
+    GetChallenge,
+    KeepAlive,
+    ReleaseKeepalive,
+    SetSpeed,
+)
 """calls on which the gate writes whose key they came with (`by`), and what that may do (`role`)"""
 RAW = (PutBundle, EngineSays)
 """calls that carry bytes, and no value of any kind that a client likes"""
@@ -146,6 +157,7 @@ _TIMEOUTS_S: dict[type, float] = {
     RunTemplate: 20.0,
     ExpandTemplate: 20.0,
     PutBundle: 60.0,
+    SaveProgram: 60.0,
     RollBack: 60.0,
     StartNode: 60.0,
     ReloadNode: 60.0,

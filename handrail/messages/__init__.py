@@ -36,13 +36,16 @@ from handrail.messages.base import (
 from handrail.messages.bundles import (
     BundleState,
     CodeChanged,
+    GetProgram,
     GetReleases,
     Piece,
+    ProgramSource,
     PutBundle,
     Release,
     Releases,
     RollBack,
     RolledBack,
+    SaveProgram,
 )
 from handrail.messages.daemon import (
     ClearStop,
@@ -327,6 +330,7 @@ __all__ = [
     "GetNodes",
     "GetOutline",
     "GetPlan",
+    "GetProgram",
     "GetReach",
     "GetReleases",
     "GetRobot",
@@ -400,6 +404,7 @@ __all__ = [
     "PostureGoal",
     "PostureKnots",
     "PowerState",
+    "ProgramSource",
     "Prompt",
     "PromptClosed",
     "PutBundle",
@@ -430,6 +435,7 @@ __all__ = [
     "SafetyReport",
     "SafetyRule",
     "Said",
+    "SaveProgram",
     "SensorEvent",
     "SetAutonomy",
     "SetBreakpoints",
@@ -588,6 +594,8 @@ EngineCall = (
     | ReloadNode
     | WatchPort
     | PutBundle
+    | GetProgram
+    | SaveProgram
     | GetReleases
     | RollBack
     | GetEngines
@@ -643,6 +651,7 @@ Answer = (
     | RolledBack
     | Engines
     | CallsForEngine
+    | ProgramSource
     | Reach
     | TemplateProgram
 )

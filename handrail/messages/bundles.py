@@ -70,6 +70,37 @@ class BundleState(Message):
 
 
 @travels(priority=1, remote=True)
+class GetProgram(Message):
+    """A program's file, as the engine has it in force."""
+
+    program: Name
+    engine: str = ""
+
+
+class ProgramSource(Message):
+    """Answer to GetProgram."""
+
+    program: str
+    file: str
+    """the file's name: it ends in .yaml or .scxml"""
+    text: str
+
+
+@travels(priority=1, remote=True)
+class SaveProgram(Message):
+    """Bring a program that was edited into force, as a release; checked whole before, as a bundle is. Answered as PutBundle is."""
+
+    program: Name
+    text: str
+    was: str = ""
+    """the text that was edited: refused where the engine has another one by now. Empty: there is no program of that name"""
+    note: Annotated[str, Meta(max_length=400)] = ""
+    engine: str = ""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with; the link writes it here"""
+
+
+@travels(priority=1, remote=True)
 class GetReleases(Message):
     """What code does an engine have, since when, by whom, and what was there before?"""
 
@@ -113,6 +144,7 @@ class CodeChanged(Message):
     release: Release
 
 
-PutBundle.Reply = BundleState
+PutBundle.Reply = SaveProgram.Reply = BundleState
+GetProgram.Reply = ProgramSource
 GetReleases.Reply = Releases
 RollBack.Reply = RolledBack

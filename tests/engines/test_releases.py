@@ -10,6 +10,7 @@ import pytest
 from engines.releases.closure import bundle_of
 from handrail import messages as m
 from handrail.bundles import manifest, pieces
+from handrail.program_edit import ProgramText
 
 PROGRAM = """title: Reach
 resources:
@@ -195,3 +196,27 @@ def test_a_program_of_another_suffix_travels_under_the_one_that_it_is_found_by(t
         PROGRAM.format(text="?").replace("do: behave", "do: prompt").replace("behaviour: nudge, arm: arm", "text: on?")
     )
     assert list(bundle_of(str(file)).manifest.files) == ["rtc_programs/ask.yaml"]
+
+
+def test_a_program_is_read_edited_and_saved_with_its_comments_and_not_over_somebody_elses_edit(stack):
+    there = stack.call(m.GetProgram(program="press"))
+    assert there.file == "press.yaml"
+    edited = ProgramText(there.text)
+    edited.set_field("asking", ["with", "text"], "Press?")
+    release = stack.call(m.SaveProgram(program="press", text=edited.text, was=there.text, note="softer")).release
+    assert (release.program, release.note) == ("press", "softer")
+    assert stack.call(m.GetProgram(program="press")).text == edited.text
+    assert edited.text.startswith("# Go on until the tool touches something")
+    stack.run("press")
+    assert stack.prompt().text == "Press?"
+    old = stack.refusal(m.SaveProgram(program="press", text=there.text, was=there.text))
+    assert "read it anew" in old.message
+    edited.connect("asking", "pressing", event="x", cond="nobody > 3")
+    wrong = stack.refusal(
+        m.SaveProgram(program="press", text=edited.text, was=stack.call(m.GetProgram(program="press")).text)
+    )
+    assert "press.yaml" in wrong.expected and "unknown name 'nobody'" in wrong.expected
+    assert "one of: " in stack.refusal(m.GetProgram(program="../press")).expected
+    assert stack.refusal(m.SaveProgram(program="../x", text=there.text)).field == "program"
+    stack.call(m.SaveProgram(program="press2", text=there.text))
+    assert stack.call(m.GetReleases()).programs.keys() == {"press", "press2"}

@@ -26,7 +26,7 @@ def reach(
     instance: _Instance,
     trajectory: _Trajectory,
     arm: _Arm = "",
-    clearance: Annotated[float, typer.Option(min=0.0, help="m to keep from everything.")] = 0.01,
+    clearance: Annotated[float, typer.Option(min=0.0, help="m to keep from everything.")] = 0.015,
     watch: Annotated[bool, typer.Option(help="Go on as the instance or the robot moves, until Ctrl-C.")] = False,
     connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,

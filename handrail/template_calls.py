@@ -20,7 +20,7 @@ class TemplateCalls:
         def call(self, message: Any, timeout_s: float | None = None) -> Any: ...
         def events(self, *kinds: type, timeout_s: float = 5.0) -> Events: ...
 
-    def reach(self, instance: str, trajectory: str, arm: str = "", *, clearance: float = 0.01) -> Reach:
+    def reach(self, instance: str, trajectory: str, arm: str = "", *, clearance: float = 0.015) -> Reach:
         """Which waypoints of an instance's trajectory an arm can reach, near which limits, or by how much they are missed.
 
         `clearance`: m to keep from everything. Refused where instance, trajectory or arm are not there.
@@ -28,7 +28,7 @@ class TemplateCalls:
         return self.call(GetReach(instance=instance, trajectory=trajectory, arm=arm, clearance=clearance))
 
     def watch_reach(
-        self, instance: str, trajectory: str, arm: str = "", *, clearance: float = 0.01, rate: float = 10.0
+        self, instance: str, trajectory: str, arm: str = "", *, clearance: float = 0.015, rate: float = 10.0
     ) -> Iterator[Reach]:
         """The same, now and whenever an instance or what carries the arm moves, at most `rate` times a second, for as long as one
         iterates. Each Reach says of which version of the instance it is.

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
-from engines.activities.waypoints import chosen, way_to
+from engines.activities.waypoints import asked_for, chosen, way_to
 from handrail.messages import PlanMotion
-from handrail.topics import RefusedError
 
 _STROKE = ("instance", "trajectory")
 _ENTRY = ("arc", "entry_shift")
@@ -117,10 +116,7 @@ class PlanActivity(Activity):
     def _way(self) -> PlanMotion:
         """To the waypoint. Raises ActivityFailed."""
         values = self.values
-        try:
-            instance = self.services.affordances.get(values["instance"])
-        except RefusedError as refused:
-            raise ActivityFailed("refused", str(refused)) from refused
+        instance = asked_for(self.services, values["instance"])
         (waypoint,) = chosen(
             self.services.description,
             instance,

@@ -21,10 +21,9 @@ from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import execute
 from engines.activities.hand import poses_of, shape_hand
-from engines.activities.waypoints import chosen, pushes, way_to
+from engines.activities.waypoints import asked_for, chosen, pushes, way_to
 from engines.runs.motion import MotionFailed
 from handrail.messages import (
-    ActionEvent,
     Compliance,
     CompliantMotion,
     ContactEnd,
@@ -75,10 +74,9 @@ class TrajectoryActivity(Activity):
     outputs = frozenset({"waypoint", "holds", "moved"})
 
     def run(self) -> dict[str, Any]:
-        self._instance = instance = self._asked()
+        self._instance = instance = asked_for(self.services, self.values["instance"])
         self._holds, self._moved = False, 0.0
         self._plan = str(self.values["plan"] or "")
-        self._ended: ActionEvent | None = None
         waypoints = self._chosen(instance)
         for waypoint in waypoints:
             try:
@@ -94,12 +92,6 @@ class TrajectoryActivity(Activity):
     def cancel(self) -> None:
         super().cancel()
         self.context.motion.interrupt()
-
-    def _asked(self) -> Instance:
-        try:
-            return self.services.affordances.get(self.values["instance"])
-        except RefusedError as refused:
-            raise ActivityFailed("refused", str(refused)) from refused
 
     def _outdated(self) -> str:
         """Why the waypoints are not where they were when it began, in words; empty: they are. Its joints may have moved."""
@@ -274,17 +266,16 @@ class TrajectoryActivity(Activity):
 
     def _run(self, motion: CompliantMotion, ends: list[EndCondition], what: str, hoped: str) -> str:
         try:
-            ended = self.context.motion.run(motion, ends, self.cancelled, what=what, still=self._outdated, hoped=hoped)
+            return self.context.motion.run(
+                motion, ends, self.cancelled, what=what, still=self._outdated, hoped=hoped
+            ).outcome
         except MotionFailed as failed:
             raise ActivityFailed(failed.reason, str(failed)) from failed
-        self._ended = ended
-        return ended.outcome
 
     def _measured(self) -> Array | None:
-        """(3,) m, where the hand was when its last motion ended; None: there was none."""
-        if self._ended is None:
-            return None
-        return self.services.tip_pose(np.array(self._ended.position), self.values["arm"])[0]
+        """(3,) m, where the hand was when the run's last motion ended; None: there was none."""
+        ended = self.context.motion.ended
+        return None if ended is None else self.services.tip_pose(np.array(ended.position), self.values["arm"])[0]
 
     @property
     def _arm(self) -> Arm:

@@ -8,12 +8,21 @@ from dataclasses import replace
 from affordance_templates.binding import BoundWaypoint, bind
 from affordance_templates.instance import Instance
 from affordance_templates.template import ResolvedTrajectory
-from engines.activities.base import ActivityFailed
+from engines.activities.base import ActivityFailed, Services
 from handrail.messages import Along, PlanMotion
 from handrail.robot.description import RobotDescription
+from handrail.topics import RefusedError
 
 CLEAR = 0.015
 """m that these ways keep of everything: more than the daemon's guard does (0.01), for the robot follows them loosely"""
+
+
+def asked_for(services: Services, name: str) -> Instance:
+    """The instance as it stands. Raises ActivityFailed where there is none."""
+    try:
+        return services.affordances.get(name)
+    except RefusedError as refused:
+        raise ActivityFailed("refused", str(refused)) from refused
 
 
 def chosen(

@@ -110,6 +110,7 @@ class _Motion:
 
     def __init__(self, stage: _Stage, description: RobotDescription):
         self._stage, self._description = stage, description
+        self.ended: ActionEvent | None = None
         self.guessed = False
         """whether it was asked for something whose end is found out only by doing it"""
 
@@ -131,9 +132,10 @@ class _Motion:
 
     def _ended(self, outcome: str = "done") -> ActionEvent:
         position = self._stage.command().tolist()
-        return ActionEvent(
+        self.ended = ActionEvent(
             id="rehearsal", state="ended", outcome=outcome, time_ns=0, cycle=0, position=position, command=position
         )
+        return self.ended
 
     def interrupt(self) -> None:
         """Nothing is ever under way."""

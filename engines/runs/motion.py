@@ -125,6 +125,8 @@ class Motion:
         self._running: list[_Running] = []
         self._name = uuid.uuid4().hex[:8]
         self._count = self._sample = 0
+        self.ended: ActionEvent | None = None
+        """how the last one ended; None: none has yet"""
 
     @property
     def paused(self) -> bool:
@@ -190,6 +192,7 @@ class Motion:
                 while True:
                     event = watch.next(patience)
                     if event is not None and event.state == "ended":
+                        self.ended = event
                         self._heard(event)
                         break
                     if meanwhile is not None:

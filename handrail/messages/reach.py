@@ -21,9 +21,9 @@ class GetReach(Message):
     trajectory: Name
     arm: str = ""
     """empty: the robot's only one"""
-    clearance: NonNegative = 0.01
-    """m, from every instance and of the robot from itself, as PlanMotion's; on ways that are not free the arm's tool may touch the
-    instance itself"""
+    clearance: NonNegative = 0.015
+    """m, from every instance and of the robot from itself, as ways of `do: trajectory` keep it; on ways that are not free the arm's
+    tool may touch the instance itself"""
     rate: Annotated[float, Meta(gt=0, le=30)] = 10.0
     """Hz at most, of events"""
     lasts: Annotated[float, Meta(ge=0, le=60)] = 0.0

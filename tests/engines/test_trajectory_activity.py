@@ -31,6 +31,7 @@ class Moves:
     def __init__(self) -> None:
         self.done: list[str] = []
         self.why: list[str] = []
+        self.ended = None
         self.meanwhile = lambda what: None
 
     def run(self, motion, ends, cancelled, *, what, still, hoped):
@@ -118,3 +119,29 @@ def test_a_rigid_tool_that_would_have_to_close_is_refused_before_anything_moves(
         begin("talos_upper").run()
     assert (failed.value.reason, moves.done) == ("no_hand", [])
     assert begin("talos_upper", first="around", last="around").run()["waypoint"] == "around"
+
+
+@pytest.mark.parametrize(("share", "outcome"), [(0.5, "is down"), (0.1, "stuck")])
+def test_a_push_by_itself_knows_from_the_motion_before_whether_it_is_at_its_stop(
+    begin, moves, affordances, share, outcome
+):
+    affordances.remove(RemoveInstance(name="it"))
+    affordances.place(PlaceInstance(name="it", template="button_panel", pose_in_world=Pose(), parameters={}))
+    button = affordances.get("it").resolve().trajectories["push[0]"]
+    press = next(waypoint for waypoint in button.waypoints if waypoint.approach == "along")
+    joint = affordances.get("it").resolve().joints[press.joint]
+    activity = begin("talos_upper", trajectory="push[0]", first=press.name, last=press.name)
+    activity.services.tip_pose = lambda position, arm: (np.array(position), np.array([0.0, 0.0, 0.0, 1.0]))
+    moves.ended = SimpleNamespace(position=[0.0, 0.0, 0.0])
+    moves.run = lambda *_, **__: (
+        setattr(  # it presses until its time is over
+            moves, "ended", SimpleNamespace(position=(joint.axis * float(press.to) * share).tolist(), outcome="done")
+        )
+        or moves.ended
+    )
+    if outcome == "stuck":
+        with pytest.raises(ActivityFailed, match="has not moved by") as failed:
+            activity.run()
+        assert failed.value.reason == "stuck"
+    else:
+        assert activity.run()["moved"] == press.to

@@ -256,7 +256,10 @@ class TrajectoryActivity(Activity):
         """What a joint is believed to have moved by, rad or m."""
         self._moved, affordances, name = by, self.services.affordances, self._instance.name
         try:
-            affordances.set_joint(name, joint, affordances.get(name).resolve().joints[joint].position + by)
+            now = affordances.get(name).resolve().joints[joint]
+            affordances.set_joint(
+                name, joint, min(max(now.position + by, now.lower), now.upper)
+            )  # a spring had it back
         except RefusedError as gone:
             raise ActivityFailed("stale", f"{name} was removed while it was being used") from gone
 

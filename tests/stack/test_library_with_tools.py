@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +64,26 @@ def test_a_tool_presses_a_doors_handle_down_and_pushes_the_leaf_open(workshop) -
     assert ended.status == "succeeded", ended.detail
     assert truth.now().hinges["door.hinge"] > math.radians(15), truth.now().hinges
     assert carried_out(workshop.robot, "home", {"arm": "left"}).status == "succeeded"
+
+
+def test_a_tool_presses_the_button_it_is_told_and_no_other(workshop) -> None:
+    truth, deepest = workshop.truth(), dict.fromkeys((f"panel.press_{k}" for k in range(4)), 0.0)
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.is_set():
+            for name, position in truth.now().hinges.items():
+                if name in deepest:
+                    deepest[name] = max(deepest[name], position)
+
+    with ThreadPoolExecutor(1) as beside:
+        watching = beside.submit(watch)
+        ended = carried_out(workshop.robot, "push_button", {"arm": "right", "panel": "panel"}, button=2)
+        over.set()
+        watching.result()
+    assert ended.status == "succeeded", ended.detail
+    assert deepest.pop("panel.press_2") > 0.005, "it was down"
+    assert max(deepest.values()) < 0.001, deepest
+    now = workshop.truth().now()
+    assert abs(now.hinges["panel.press_2"]) < 0.001, "its spring has it back"
+    assert now.peak_contact_force["panel"] < 60.0

@@ -81,6 +81,15 @@ def expand(robot: RobotDescription, instance: Instance, wish: Wish) -> Expanded:
     if wish.rounds > 1 and (wish.steps or wish.back):
         field, value = ("steps", wish.steps) if wish.steps else ("backwards", wish.back)
         raise refuse("a loop goes forwards, and all the way", field, value, "none beside loop")
+    for before in [leaving, *part[:-1]] if wish.back else ():
+        pushed = found.waypoints[names.index(before)] if before else None
+        if pushed is not None and pushed.approach == "along" and pushed.force is not None:
+            raise refuse(
+                f"{before} pushes {pushed.joint}, which does not come back with the hand",
+                "backwards",
+                True,
+                f"steps that end at {before}, or forwards",
+            )
     legs = _legs(robot, instance, wish, part, leaving)
     if not robot.arms[wish.arm].hand_poses and len({each.waypoint.hand_pose for each in legs} - {""}) > 1:
         raise refuse(

@@ -46,7 +46,8 @@ def read(tmp_path):
 def test_every_trajectory_of_the_library_is_a_sound_program_both_ways_and_in_rounds(robot, read, template):
     for name, trajectory in placed(template).resolve().trajectories.items():
         wishes = [Wish(name, "right"), Wish(name, "left", rounds=3)]
-        wishes += [] if trajectory.entry else [Wish(name, "right", back=True)]
+        pushes = any(each.approach == "along" and each.force is not None for each in trajectory.waypoints)
+        wishes += [] if trajectory.entry or pushes else [Wish(name, "right", back=True)]
         for wish in wishes:
             program = read(expand(robot, placed(template), wish))
             assert set(program.resources) == {"arm", "what"}
@@ -178,3 +179,12 @@ def test_a_stroke_goes_as_a_whole_and_in_rounds_only(robot, read):
     assert [state.file.do for state in program.states()] == ["plan", "execute", "", ""]
     with pytest.raises(RefusedError, match="turn is a stroke, planned as a whole; field backwards"):
         expand(robot, placed("wheel"), Wish("turn", "right", back=True))
+
+
+def test_a_way_back_over_a_push_is_refused_since_what_was_pushed_stays_where_it_is(robot, read):
+    with pytest.raises(RefusedError, match="turn pushes stem, which does not come back with the hand"):
+        expand(robot, placed("lever_valve"), Wish("push", "right", back=True))
+    back = read(expand(robot, placed("lever_valve"), Wish("push", "right", back=True, steps=3)))
+    assert [state.file.with_["first"] for state in back.states() if state.file.do] == ["back", "leave", "turn"]
+    with pytest.raises(RefusedError, match="turn pushes stem"):
+        expand(robot, placed("lever_valve"), Wish("push", "right", back=True, steps=1, stands="turn"))

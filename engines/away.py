@@ -49,7 +49,7 @@ def engine(
             fail(f"the robot knows this machine's key as the engine {known_as}; expected {name}")
         _run(session, known_as, robot, _folder(runtime, known_as), code, clouds=clouds)
     except (RefusedError, Unreachable, ValueError) as problem:
-        fail(f"{address}: {problem}")
+        fail(str(problem) if str(problem).startswith(address) else f"{address}: {problem}")
     except HeldElsewhere as held:
         fail(f"another engine has its folder here already (process {held.process}): choose --runtime")
     finally:

@@ -71,7 +71,7 @@ class Uplink:
         self._runtime, self._session, self._name, self._clouds = runtime, session, name, clouds
         self._held = ExitStack()
         self._held.enter_context(sole_holder(runtime.folder / "uplink.lock"))
-        self._process = uuid.uuid4().hex
+        self._process, self._batch = uuid.uuid4().hex, 0
         self._to_say: deque[Said] = deque(maxlen=_KEPT)
         self._loop = asyncio.new_event_loop()
         self._something = asyncio.Event()
@@ -231,9 +231,11 @@ class Uplink:
 
     async def _bring(self, said: list[Said]) -> None:
         """Until it is there. An answer that nobody waits for any more is nobody's."""
+        self._batch += 1
+        message = EngineSays(process=self._process, batch=self._batch, said=said)
         while True:
             with contextlib.suppress(Unreachable):
-                answer = await asyncio.wrap_future(self._session.ask(EngineSays(process=self._process, said=said)))
+                answer = await asyncio.wrap_future(self._session.ask(message))
                 if not isinstance(answer, Refused | codec.NoAnswer):
                     return
                 _log.debug("not taken: %s", answer.message)

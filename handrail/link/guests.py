@@ -141,6 +141,8 @@ class Guests:
     def __init__(self, runtime: Runtime, context: zmq.asyncio.Context):
         self._runtime, self._context = runtime, context
         self._guests: dict[str, _Guest] = {}
+        self._brought: dict[str, tuple[str, int]] = {}
+        """engine → its process, and the last batch that it brought"""
 
     async def answer(self, call: FetchCalls | EngineSays, name: str) -> Message | None:
         """Of the engine whose key has this name. Raises RefusedError; None: it was carried out."""
@@ -153,6 +155,10 @@ class Guests:
             if guest is None:
                 raise refuse(f"the engine {name} is not there: it has to fetch its calls first")
             async with guest.saying:
+                process, last = self._brought.get(name, ("", 0))
+                if process == call.process and call.batch <= last:
+                    return None
+                self._brought[name] = (call.process, call.batch)
                 for said in call.said:
                     await guest.say(said)
             return None

@@ -60,6 +60,8 @@ class EngineSays(Message):
     """What the engine answers and tells, in order."""
 
     process: Annotated[str, Meta(max_length=64)]
+    batch: Annotated[int, Meta(ge=1)]
+    """one that has been brought already, and whose answer was lost with the line, counts once"""
     said: list[Said]
 
 

@@ -307,7 +307,7 @@ class Engine:
         def plan(task: Task) -> m.PlanPreview:
             return make_plan(
                 self._services, call.instance, call.trajectory, call.arm, arc=call.arc, after=call.after, seen=call.seen,
-                cancelled=task.cancelled.is_set, progress=task.progress,
+                relax=call.relax, cancelled=task.cancelled.is_set, progress=task.progress,
             )[1]  # fmt: skip
 
         self._services.affordances.get(call.instance)

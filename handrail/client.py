@@ -264,12 +264,14 @@ class Client(NodeCalls, TemplateCalls):
 
     def plan(
         self, instance: str, trajectory: str, arm: str = "right", *, arc: float | None = None, after: str = "",
-        seen: bool = False, timeout_s: float | None = None,
+        seen: bool = False, relax: Sequence[str] = (), timeout_s: float | None = None,
     ) -> PlanPreview:  # fmt: skip
         """Plan a template's trajectory from where the robot is now, or from where a plan ends. Refused, with the reason, when
         infeasible.
         """
-        call = MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, after=after, seen=seen)
+        call = MakePlan(
+            instance=instance, trajectory=trajectory, arm=arm, arc=arc, after=after, seen=seen, relax=list(relax)
+        )
         return self.call(call, timeout_s)
 
     def cancel_planning(self) -> None:

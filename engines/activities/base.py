@@ -117,6 +117,7 @@ class Planner(Protocol):
         entry_shift: float = 0.0,
         others: Sequence[Instance] = (),
         seen: Sequence[Obstacle] = (),
+        relax: Sequence[str] = (),
         base: Base | None = None,
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,

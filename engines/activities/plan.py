@@ -14,7 +14,7 @@ from handrail.messages import PlanMotion
 _STROKE = ("instance", "trajectory")
 _ENTRY = ("arc", "entry_shift")
 _TO = ("waypoint", "way", "leaving")
-_MOTION = ("goals", "through", "keep", "joints", "clearance", "relax")
+_MOTION = ("goals", "through", "keep", "joints", "clearance")
 
 
 class PlanActivity(Activity):
@@ -61,7 +61,7 @@ class PlanActivity(Activity):
             return missing[0], "missing; plan needs it (with instance, trajectory), or goals, or along"
         if odd := [name for name in _MOTION if name in given]:
             return odd[0], "without goals; expected goals"
-        wrong = _ENTRY if "waypoint" in given else _TO
+        wrong = (*_ENTRY, "relax") if "waypoint" in given else _TO
         if odd := [name for name in wrong if name in given]:
             other = "beside" if "waypoint" in given else "without"
             return odd[0], f"{other} waypoint; expected a stroke, or the way to a waypoint"
@@ -101,6 +101,7 @@ class PlanActivity(Activity):
                 arc=values["arc"],
                 entry_shift=values["entry_shift"] or 0.0,
                 after=after,
+                relax=list(values["relax"]),
                 run=self.context.run,
                 cancelled=self.cancelled.is_set,
             )

@@ -40,7 +40,8 @@ class Planners:
 
     def plan(
         self, instance: Instance, trajectory: str, arm: str, position: Array, *, arc: float | None = None,
-        entry_shift: float = 0.0, others: Sequence[Instance] = (), seen: Sequence[Obstacle] = (), base: Base | None = None,
+        entry_shift: float = 0.0, others: Sequence[Instance] = (), seen: Sequence[Obstacle] = (),
+        relax: Sequence[str] = (), base: Base | None = None,
         cancelled: Callable[[], bool] | None = None, progress: Callable[[str], None] | None = None,
     ) -> Plan:  # fmt: skip
         """A stroke; see ManipulationPlanner. `base` of a robot where it is not fixed: it stays there, and where it stands on its
@@ -50,7 +51,7 @@ class Planners:
 
         there, standing = base_of(base)
         plan = self._strokes.plan(
-            seen_from(there, instance), trajectory, arm, position, arc=arc, entry_shift=entry_shift, seen=seen,
+            seen_from(there, instance), trajectory, arm, position, arc=arc, entry_shift=entry_shift, seen=seen, relax=relax,
             others=[seen_from(there, other) for other in others], cancelled=cancelled, progress=progress,
         )  # fmt: skip
         if standing:

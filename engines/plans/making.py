@@ -39,6 +39,7 @@ def make_plan(
     entry_shift: float = 0.0,
     after: str = "",
     seen: bool = False,
+    relax: Sequence[str] = (),
     run: str = "",
     cancelled: _Asked | None = None,
     progress: _Told | None = None,
@@ -51,6 +52,7 @@ def make_plan(
     :param run: id of the run that wants it
     :param after: id of the plan from whose end; empty: from where the robot is commanded
     :param seen: whether to keep clear of what cameras see as well
+    :param relax: what gives way where there is no plan (MakePlan.relax)
     :raises ActivityFailed: `infeasible` with the constraint that failed and by how much, `refused` for names that are not there,
         `unknown_state` before the daemon was heard
     """
@@ -85,6 +87,7 @@ def make_plan(
                 entry_shift=entry_shift,
                 others=others,
                 seen=strange.obstacles if strange else (),
+                relax=relax,
                 base=world.base,
                 cancelled=cancelled,
                 progress=progress,

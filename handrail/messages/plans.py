@@ -51,12 +51,12 @@ class PlanWaypoint(msgspec.Struct, kw_only=True):
 
 
 class PlanGave(msgspec.Struct, kw_only=True):
-    """By how much a goal was missed that was allowed to give way (PlanMotion.relax)."""
+    """By how much a goal was missed that was allowed to give way (PlanMotion.relax, MakePlan.relax)."""
 
     goal: str
     """its place in the call, and what it is about"""
     what: str
-    """x, y, z along the goal's own axes, angle, or relation"""
+    """x, y, z along the goal's own axes, angle, distance, or relation"""
     by: float
     unit: Literal["m", "rad"]
 
@@ -165,6 +165,9 @@ class MakePlan(Message):
     """id of a plan: from where it ends; empty: from where the robot is commanded now"""
     seen: bool = False
     """whether to keep clear of what cameras see as well, as PlanMotion does; the tool only until it may touch the instance"""
+    relax: Annotated[list[str], Meta(max_length=2)] = []
+    """what may give way where there is no plan, the first one first, as little as it must: `tilt` (how the tool leans), `reach`
+    (how far its tip is off). The plan tells what `gave`"""
 
 
 @travels(priority=1, remote=True)

@@ -69,12 +69,16 @@ def make(
     ] = "right",
     arc: Annotated[float | None, typer.Option(help="rad around the joint, of `choices`; none: the planner's.")] = None,
     seen: Annotated[bool, typer.Option("--seen", help="Keep clear of what cameras see, too.")] = False,
+    relax: Annotated[
+        list[str] | None,
+        typer.Option(help="What may give way where there is no plan, the first one first: tilt, reach."),
+    ] = None,
     connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
     """Plan a template's trajectory from where the robot is now, and show it. Nothing moves."""
     with the_robot(connect_to, keys) as robot:
-        plan = robot.plan(instance, trajectory, "" if arm == "any" else arm, arc=arc, seen=seen)
+        plan = robot.plan(instance, trajectory, "" if arm == "any" else arm, arc=arc, seen=seen, relax=relax or [])
         _show(robot.get_plan(plan.id, details=True))
 
 

@@ -273,6 +273,7 @@ class FakePlanner:
         *,
         arc=None,
         entry_shift=0.0,
+        relax=(),
         base=None,
         others=(),
         seen=(),
@@ -281,7 +282,8 @@ class FakePlanner:
     ) -> Plan:
         self.asked.append(
             {
-                "seen": seen, "arm": arm, "arc": arc, "entry_shift": entry_shift, "position": position.copy(), "instance": instance,
+                "seen": seen, "relax": list(relax), "arm": arm, "arc": arc, "entry_shift": entry_shift,
+                "position": position.copy(), "instance": instance,
                 "others": [each.name for each in others],
             }
         )  # fmt: skip

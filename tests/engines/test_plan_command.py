@@ -27,8 +27,9 @@ class LocalClient:
     def snapshot(self):
         return self._stack.call(m.GetEngine())
 
-    def plan(self, instance, trajectory, arm, arc=None, seen=False):
-        return self._stack.call(m.MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, seen=seen))
+    def plan(self, instance, trajectory, arm, arc=None, seen=False, relax=()):
+        call = m.MakePlan(instance=instance, trajectory=trajectory, arm=arm, arc=arc, seen=seen, relax=list(relax))
+        return self._stack.call(call)
 
     def robot(self):
         return SimpleNamespace(joints=["angle", "depth", "other"])
@@ -75,9 +76,10 @@ def test_plans_are_made_shown_with_the_worst_and_listed_with_the_reason_why_they
     assert "radius 0.15 to 0.16" in handrail("list").output
 
 
-def test_a_plan_goes_to_a_file_and_comes_back_from_it_as_it_was(stack, handrail, tmp_path):
+def test_a_plan_goes_to_a_file_and_comes_back_from_it_as_it_was(stack, handrail, planner, tmp_path):
     stack.place()
-    handrail("make", "wheel_1", "turn")
+    handrail("make", "wheel_1", "turn", "--relax", "tilt", "--relax", "reach")
+    assert planner.asked[-1]["relax"] == ["tilt", "reach"]
     file, picture = tmp_path / "plan.json", tmp_path / "plan.png"
     assert handrail("export", "last", "--json", file).exit_code == 0
     plan = msgspec.json.decode(file.read_bytes(), type=m.PlanPreview)

@@ -60,9 +60,10 @@ class Follower:
 
     def __init__(
         self, mechanism: Mechanism, constraints: Sequence[Constraint], moving: Sequence[str],
-        weights: Mapping[str, float] | None = None,
+        weights: Mapping[str, float] | None = None, factors: Sequence[float] | None = None,
     ):  # fmt: skip
         """
+        :param factors: of each constraint, what it counts for against the others; None: all alike
         :param moving: all joints that move the constraints' frames, on a fixed base
         :param weights: joint → factor of its pull to the posture; 1 where left out
         :raises ValueError: a constraint that can't be meant, has bounds, is of the centre of mass or of bodies; a joint is missing
@@ -90,8 +91,9 @@ class Follower:
         """(m,) of the joints that move, margins included"""
         self._pull = _PULL * mechanism.weights(weights)[rows]
         self._support, self._joints = mechanism.support, mechanism.model.njoints
-        self._table = (table.integers, table.numbers, table.relations, table.lower, table.weight)
         self._owners, self._constraints = np.array(table.owners, np.int64), len(constraints)
+        weight = table.weight if factors is None else table.weight * np.array(factors, dtype=float)[self._owners]
+        self._table = (table.integers, table.numbers, table.relations, table.lower, weight)
 
     def solve(self, starts: Array, goals: Array, posture: Array, iterations: int = WARM) -> Followed:
         """Answers in order, each from its own start or, once those are used up, from the answer before it.

@@ -12,6 +12,7 @@ from engines.planning.collision.bodies import Clearance, CollisionScene
 from engines.planning.collision.sweep import Nearest
 from engines.planning.constraints import Constraint
 from engines.planning.measures import Measure, limit_margins, torque_shares
+from engines.planning.strokes.giving import Leeway
 from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
 from handrail.robot.description import Arm
 from handrail.robot.kinematics import Kinematics
@@ -22,8 +23,12 @@ Array = NDArray[np.float64]
 class Assessor:
     """Measures one arm while all other joints stay at `position` (n,) rad."""
 
-    def __init__(self, kinematics: Kinematics, arm: Arm, scene: CollisionScene, position: Array):
+    def __init__(
+        self, kinematics: Kinematics, arm: Arm, scene: CollisionScene, position: Array, leeway: Leeway | None = None
+    ):
+        """`leeway`: what its tip's goals are bounded by, where it is not what a stroke keeps unasked."""
         self._kinematics, self._scene = kinematics, scene
+        self.leeway = leeway or Leeway()
         description = kinematics.description
         self.arm = arm
         self.rows = description.index(arm.joints)

@@ -105,8 +105,8 @@ class BranchSearch:
     def _reach_measures(self, *reaches: Reach) -> dict[Constraint, float]:
         q = np.vstack([reach.q for reach in reaches])
         return {
-            constraints.REACH: max(float(reach.residual.max()) for reach in reaches),
-            constraints.TILT: max(float(reach.tilt.max()) for reach in reaches),
+            self._assessor.leeway.reach: max(float(reach.residual.max()) for reach in reaches),
+            self._assessor.leeway.tilt: max(float(reach.tilt.max()) for reach in reaches),
             constraints.LIMIT_MARGIN: self._assessor.limit_margin(q),
         }
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines import identifiers
-from engines.planning import constraints
 from engines.planning.collision.bodies import CollisionScene
 from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import Obstacle, obstacles_of
@@ -21,6 +20,7 @@ from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, M
 from engines.planning.plan import Plan, Segment
 from engines.planning.strokes.assessment import Assessor
 from engines.planning.strokes.behaviour import BehaviourSearch, Choice, ranked
+from engines.planning.strokes.giving import Leeway, check_relax, gave, relaxed
 from engines.planning.strokes.path import Leg
 from engines.planning.strokes.stroke import ARCS, STARTS, Stroke
 from engines.planning.strokes.tip_solver import POINTING, TipSolver, starts
@@ -70,6 +70,7 @@ class ManipulationPlanner:
         entry_shift: float = 0.0,
         others: Sequence[Instance] = (),
         seen: Sequence[Obstacle] = (),
+        relax: Sequence[str] = (),
         cancelled: Callable[[], bool] | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Plan:
@@ -80,6 +81,7 @@ class ManipulationPlanner:
         :param entry_shift: rad, how much later on the arc to enter than would be the earliest
         :param others: what else stands around; nothing may touch it
         :param seen: what cameras see; nothing may touch it, but the tool from where on it may touch the instance
+        :param relax: what gives way where there is no plan, the first one first: tilt, reach; `Plan.gave` says by how much
         :param cancelled: asked often; Cancelled is raised soon after it says True
         :param progress: told in a few words what is being done
         :raises Infeasible: there is no plan; names the constraint and by how much it is missed
@@ -87,18 +89,26 @@ class ManipulationPlanner:
         :raises ValueError: no such arm or trajectory, or a position of wrong shape
         """
         side, position = self._arm(arm), self._position(position)
+        check_relax(relax)
         with self._lock:
             visit = Visit(instance, trajectory)
             others = [other for other in others if other.name != instance.name]
             around = [solid for one in (instance, *others) for solid in obstacles_of(one)]
             scene = CollisionScene(self._mechanism, self._description, side, around, instance.name, seen)
-            assessor = Assessor(self._kinematics, side, scene, position)
-            stroke = Stroke(
-                visit, self._solvers[arm], assessor, self._home[assessor.rows], cancelled or never, progress or quiet
-            )
-            legs, outputs = stroke.legs(arc, entry_shift)
-            plan = self._timed(legs, instance, visit, side, assessor, outputs)
-            self._verify(plan, legs, scene, assessor, position, cancelled or never)
+
+            def within(leeway: Leeway) -> Plan:
+                solver = self._solvers[arm]
+                if leeway.pointing != 1.0:
+                    solver = TipSolver(self._mechanism, self._description, side, pointing=leeway.pointing)
+                assessor = Assessor(self._kinematics, side, scene, position, leeway)
+                home = self._home[assessor.rows]
+                stroke = Stroke(visit, solver, assessor, home, cancelled or never, progress or quiet)
+                legs, outputs = stroke.legs(arc, entry_shift)
+                plan = self._timed(legs, instance, visit, side, assessor, outputs)
+                self._verify(plan, legs, scene, assessor, position, cancelled or never)
+                return replace(plan, gave=gave([(leg.name, leg.reach) for leg in legs]))
+
+            plan = relaxed(within, relax)
             return replace(plan, made_from={**plan.made_from, **{other.name: other.version for other in others}})
 
     def rank(
@@ -144,7 +154,7 @@ class ManipulationPlanner:
             plan, limits, scene.configurations(position[None])[0],
             touching={leg.name: scene.touching for leg in legs if leg.may_touch},
             torque=self._description.torque_limit[assessor.rows], cancelled=cancelled,
-            constraints=list(_goals(plan, legs, assessor.arm.tip)),
+            constraints=list(_goals(plan, legs, assessor)),
         )  # fmt: skip
         if found:
             raise found[0].error()
@@ -210,16 +220,14 @@ class ManipulationPlanner:
         return ends, PathForce(frame=arm.tip, gain=gain, limit=limit)
 
 
-def _goals(plan: Plan, legs: list[Leg], tip: str) -> Iterator[Constraint]:
+def _goals(plan: Plan, legs: list[Leg], assessor: Assessor) -> Iterator[Constraint]:
     """What the tool's tip keeps where each leg ends."""
-    end = 0.0
+    end, tip, leeway = 0.0, assessor.arm.tip, assessor.leeway
     for leg, segment in zip(legs, plan.segments, strict=True):
         end += segment.duration
         position, axis = (tuple(part.tolist()) for part in leg.goal)
-        yield Position.at(
-            tip, position, tolerance=constraints.REACH.bound, name=f"tip after {leg.name}", window=(end, end)
-        )
-        cone, label = constraints.TILT.bound, f"tool after {leg.name}"
+        yield Position.at(tip, position, tolerance=leeway.reach.bound, name=f"tip after {leg.name}", window=(end, end))
+        cone, label = leeway.tilt.bound, f"tool after {leg.name}"
         yield Direction(frame=tip, axis=POINTING, direction=axis, cone=cone, name=label, window=(end, end))
 
 

@@ -83,7 +83,8 @@ class PathBuilder:
         goals = TipPath(np.vstack([part.positions for part in back]), np.vstack([part.axes for part in back]))
         reach = self._solver.track(branch.contact, goals.positions, goals.axes, self._posture)
         self._refuse(
-            {constraints.REACH: float(reach.residual[-1]), constraints.TILT: float(reach.tilt[-1])}, first.name
+            {self._assessor.leeway.reach: float(reach.residual[-1]), self._assessor.leeway.tilt: float(reach.tilt[-1])},
+            first.name,
         )
         self.angle = entry
         self._free(first, Reach(reach.q[-1:], reach.residual[-1:], reach.tilt[-1:]), here)
@@ -118,7 +119,10 @@ class PathBuilder:
             case "free":
                 goal = visit.tip(waypoint, self.angle)
                 reach = self._solver.solve(self.q, *goal, self._posture)
-                measures = {constraints.REACH: float(reach.residual[0]), constraints.TILT: float(reach.tilt[0])}
+                measures = {
+                    self._assessor.leeway.reach: float(reach.residual[0]),
+                    self._assessor.leeway.tilt: float(reach.tilt[0]),
+                }
                 self._refuse(measures, waypoint.name)
                 self._free(waypoint, reach, goal)
             case "straight":
@@ -159,8 +163,8 @@ class PathBuilder:
         path = reach.q
         path[0] = self.q
         measures: dict[Constraint, float] = {
-            constraints.REACH: float(reach.residual.max()),
-            constraints.TILT: float(reach.tilt.max()),
+            self._assessor.leeway.reach: float(reach.residual.max()),
+            self._assessor.leeway.tilt: float(reach.tilt.max()),
             constraints.JOINT_STEP: float(np.abs(np.diff(path, axis=0)).max()),
         }
         pushing = waypoint is not None and waypoint.path_force is not None

@@ -36,17 +36,23 @@ class Reach:
 class TipSolver:
     """Solves for one arm. `margin` rad are kept from every joint limit."""
 
-    def __init__(self, mechanism: Mechanism, description: RobotDescription, arm: Arm, *, margin: float = 0.03):
-        """Raises ValueError when other joints than the arm's move its tip."""
+    def __init__(self, mechanism: Mechanism, description: RobotDescription, arm: Arm, *, margin: float = 0.03,
+        pointing: float = 1.0,
+    ):  # fmt: skip
+        """`pointing`: what the tool's axis counts for against its tip, as a factor.
+
+        Raises ValueError when other joints than the arm's move its tip.
+        """
         at_goal = Position.at(arm.tip, (0.0, 0.0, 0.0))
-        pointing = Direction(frame=arm.tip, axis=POINTING, direction=(0.0, 0.0, 1.0))
+        along = Direction(frame=arm.tip, axis=POINTING, direction=(0.0, 0.0, 1.0))
         others = {joint for other in description.arms.values() if other.name != arm.name for joint in other.joints}
         try:
             self._follower = Follower(
                 mechanism,
-                [at_goal, pointing, JointLimits(margin=margin, joints=arm.joints)],
+                [at_goal, along, JointLimits(margin=margin, joints=arm.joints)],
                 arm.joints,
                 {joint: _TORSO_FACTOR for joint in arm.joints if joint in others},
+                (1.0, pointing, 1.0),
             )
         except ValueError as problem:
             raise ValueError(f"arm {arm.name}: {problem}") from None

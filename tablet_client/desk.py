@@ -13,13 +13,15 @@ from typing import Any
 
 from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
 
-from handrail.messages import AnswerPrompt, ClearStop, Enable, GetPlan, ListLibrary, MakePlan, Message
+from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, ListLibrary, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
 from tablet_client.models.arrivals import Inbox
+from tablet_client.models.command import commanders, if_lost
 from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_of
 from tablet_client.models.prompts import lets_go
 from tablet_client.models.quantities import in_unit, label, quantity
 from tablet_client.models.situation import Situation
+from tablet_client.rows import Rows
 from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
@@ -92,6 +94,7 @@ class Desk(QObject):
         self.inbox = Inbox(self._arrived.emit)
         self._session: Session | None = None
         self._journal = JournalList(situation)
+        self._hands = Rows(("name", "position", "low", "high", "poses", "holding", "state"), "name")
         self._run = RunDesk(situation, self._send)
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
         self._signals = SignalsDesk(situation)
@@ -153,6 +156,10 @@ class Desk(QObject):
         return self._bench
 
     @Property(QObject, constant=True)
+    def hands(self) -> Rows:
+        return self._hands
+
+    @Property(QObject, constant=True)
     def journal(self) -> JournalList:
         return self._journal
 
@@ -176,6 +183,20 @@ class Desk(QObject):
         prompt = self.situation.prompts.current
         if prompt is not None and not self.situation.why_not_answer(option):
             self._send(AnswerPrompt(id=prompt.id, answer=option, by=self._operator))
+
+    @Slot()
+    def execute(self) -> None:
+        """Execute the plan that is shown; does nothing while the button says why it can't."""
+        plan = self.situation.plans.shown
+        if plan is not None and not self.situation.why_not_execute():
+            self._send(ExecutePlan(id=plan.id))
+
+    @Slot(str, float)
+    def sendHand(self, gripper: str, position: float) -> None:
+        """Send a gripper somewhere, rad or m of its driven joint."""
+        call = self.situation.hands.call(gripper, position)
+        if call is not None and not self.situation.why_not_hand():
+            self._send(call)
 
     @Slot(float)
     def scrub(self, seconds: float) -> None:
@@ -244,6 +265,7 @@ class Desk(QObject):
         self._run.build()
         self._bench.build()
         self._signals.build()
+        self._hands.show(self._build_hands())
         self._announce("_prompt", self._build_prompt(), self.promptChanged)
         self._announce("_ghost", self._build_ghost(), self.ghostChanged)
         self._announce("_ghost_time", self.situation.plans.time, self.ghostTimeChanged)
@@ -278,6 +300,10 @@ class Desk(QObject):
             "moving": robot.moving,
             "speed": round(status.speed * 100) if status else 100,
             "cloudAge": self._cloud_age(),
+            "ifLost": if_lost(status, self.situation.task.status),
+            "commands": [{"part": part, "owner": owner} for part, owner in commanders(status)],
+            "actions": list(status.actions) if status else [],
+            "handWhy": self.situation.why_not_hand(),
             "places": list(self.situation.world.instances),
         }
 
@@ -290,6 +316,22 @@ class Desk(QObject):
         if _COMMANDS[command].__name__ in self.situation.pending:
             return "sending"
         return self.situation.why_not_command(command)
+
+    def _build_hands(self) -> list[dict[str, Any]]:
+        hands = self.situation.hands
+        return [
+            {
+                "name": name,
+                "position": round(state.position, 3),
+                "low": span.low,
+                "high": span.high,
+                "poses": [{"name": pose, "position": at} for pose, at in span.poses.items()],
+                "holding": state.holding,
+                "state": state.state,
+            }
+            for name, state in hands.states.items()
+            if (span := hands.spans.get(name)) is not None
+        ]
 
     def _build_prompt(self) -> dict[str, Any]:
         prompts, plans = self.situation.prompts, self.situation.plans
@@ -339,6 +381,7 @@ class Desk(QObject):
         return {
             "shown": True,
             "label": plan.label,
+            "executeWhy": "sending" if "ExecutePlan" in self.situation.pending else self.situation.why_not_execute(),
             "stale": not plan.fresh,
             "because": plan.stale_because,
             "duration": track.duration,

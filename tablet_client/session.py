@@ -24,6 +24,7 @@ from handrail.client import Live
 from handrail.messages import (
     ActionEvent,
     DaemonStatus,
+    DeviceStates,
     EngineSnapshot,
     GetEngine,
     GetInstances,
@@ -62,6 +63,7 @@ EVENTS = (
     LogLine,
     PointCloud,
     Reach,
+    DeviceStates,
 )
 
 _LONG = (MakePlan,)

@@ -11,6 +11,7 @@ from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
 from tablet_client.models.clouds import Clouds
+from tablet_client.models.hands import Hands
 from tablet_client.models.journal import Journal, Level
 from tablet_client.models.link import Link
 from tablet_client.models.plans import Plans
@@ -39,6 +40,7 @@ class Situation:
         """the robot's programs and templates"""
         self.clouds = Clouds()
         self.signals = Signals()
+        self.hands = Hands()
         self.journal = Journal()
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
@@ -70,6 +72,31 @@ class Situation:
             if self.robot.status is not None and not self.robot.status.enabled:
                 return "not_enabled"
         return ""
+
+    def why_not_execute(self) -> str:
+        """Code of the reason why the plan that is shown can't be executed; empty when it can."""
+        plan = self.plans.shown
+        if not self.link.attached or not self.link.engine:
+            return "no_engine"
+        if plan is None:
+            return "plan_missing"
+        if why := self.plans.why_not_execute(plan.id):
+            return why
+        if self.prompts.current is not None and self.prompts.current.plan == plan.id:
+            return "is_asked"
+        if self.task.status in ("running", "paused"):
+            return "program_runs"
+        return self._why_not_move()
+
+    def why_not_hand(self) -> str:
+        """The same for sending a gripper somewhere."""
+        return self._why_not_move() if self.link.attached else "no_robot"
+
+    def _why_not_move(self) -> str:
+        status = self.robot.status
+        if status is None:
+            return "no_robot"
+        return "stopped" if status.stopped else "" if status.enabled else "not_enabled"
 
     def why_not_command(self, command: str) -> str:
         """The same for `enable`, `clear_stop`, and for all that may be done with the run (Task.why_not)."""
@@ -215,6 +242,9 @@ class Situation:
     def _instance(self, state: messages.InstanceState) -> None:
         self.world.take(state)
 
+    def _devices(self, devices: messages.DeviceStates) -> None:
+        self.hands.take(devices)
+
     def _reach(self, reach: messages.Reach) -> None:
         self.bench.take(reach)
 
@@ -245,4 +275,5 @@ _HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
     messages.InstanceState: Situation._instance,
     messages.LogLine: Situation._log,
     messages.Reach: Situation._reach,
+    messages.DeviceStates: Situation._devices,
 }

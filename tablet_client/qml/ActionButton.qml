@@ -13,7 +13,7 @@ AbstractButton {
 
     readonly property color _fill: !_usable ? Theme.panel
         : tone === "primary" ? (down ? Qt.darker(Theme.accentDeep, 1.25) : Theme.accentDeep)
-        : tone === "danger" ? (down ? "#5a1c1a" : "#43191a")
+        : tone === "danger" ? (down ? Theme.endPressed : Theme.endGround)
         : down || checked ? Theme.pressed : Theme.raised
 
     enabled: why === "" && !held
@@ -36,7 +36,7 @@ AbstractButton {
         border.color: button.visualFocus ? Theme.accent
             : button.checked ? Theme.accent : !button._usable ? Theme.line
             : button.tone === "primary" ? Theme.accent
-            : button.tone === "danger" ? "#8d3431" : Theme.line
+            : button.tone === "danger" ? Theme.badLine : Theme.line
     }
 
     contentItem: Item {
@@ -46,7 +46,7 @@ AbstractButton {
             Text {
                 anchors.horizontalCenter: parent.horizontalCenter
                 text: button.text
-                color: button._usable ? (button.tone === "danger" ? "#ff9a93" : Theme.text) : Theme.faint
+                color: button._usable ? (button.tone === "danger" ? Theme.badText : button.tone === "primary" ? Theme.textOnAccent : Theme.text) : Theme.faint
                 font.pixelSize: button.big ? Theme.large : Theme.body
                 font.weight: button.tone === "plain" ? Font.Medium : Font.DemiBold
             }

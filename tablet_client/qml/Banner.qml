@@ -25,8 +25,8 @@ Rectangle {
     visible: message !== ""
     implicitHeight: Math.max(Math.round(44 * Theme.scale), text.implicitHeight + 2 * Theme.gap)
     radius: Theme.radius
-    color: "#3a1315"
-    border.color: "#8d3431"
+    color: Theme.badGround
+    border.color: Theme.badLine
     Accessible.role: Accessible.AlertMessage
     Accessible.name: message
 
@@ -40,7 +40,7 @@ Rectangle {
         anchors { verticalCenter: parent.verticalCenter; left: parent.left; right: parent.right
                   leftMargin: Math.round(22 * Theme.scale); rightMargin: Theme.gap }
         text: banner.message
-        color: "#ffd5d2"
+        color: Theme.badText
         font.pixelSize: Theme.body
         font.weight: Font.Medium
         wrapMode: Text.Wrap

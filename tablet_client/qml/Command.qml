@@ -21,7 +21,7 @@ Rectangle {
         selectByMouse: true
         activeFocusOnTab: false
         wrapMode: TextEdit.Wrap
-        color: "#b9d7f2"
+        color: Theme.code
         font.family: "DejaVu Sans Mono, Consolas, Menlo, monospace"
         font.pixelSize: Theme.small
         Accessible.name: text

@@ -17,7 +17,7 @@ Item {
         anchors.centerIn: parent
         width: Math.min(parent.width - 4 * Theme.gap, Math.round(560 * Theme.scale))
         height: column.implicitHeight + 4 * Theme.gap
-        color: "#f0141a20"
+        color: Qt.alpha(Theme.panel, 0.94)
 
         Column {
             id: column

@@ -14,7 +14,7 @@ Rectangle {
     visible: view.shown
     implicitHeight: column.implicitHeight + 2 * Theme.tight
     radius: Theme.radius
-    color: "#e6141a20"
+    color: Qt.alpha(Theme.panel, 0.9)
     border.color: view.stale ? Theme.danger : Theme.line
 
     ColumnLayout {
@@ -29,7 +29,7 @@ Rectangle {
             objectName: "ghostReason"
             visible: bar.view.stale === true
             text: qsTr("Stale plan: %1").arg(bar.view.because || "")
-            color: "#ffaaa4"
+            color: Theme.badText
             font.pixelSize: Theme.small
             elide: Text.ElideRight
         }
@@ -225,6 +225,14 @@ Rectangle {
                 color: Theme.muted
                 font.pixelSize: Theme.small
                 font.features: { "tnum": 1 }
+            }
+            ActionButton {
+                objectName: "execute"
+                Layout.preferredWidth: Math.round(148 * Theme.scale)
+                tone: "primary"
+                text: qsTr("Execute")
+                why: Words.why(bar.view.executeWhy || "")
+                onClicked: desk.execute()
             }
         }
     }

@@ -24,7 +24,7 @@ Window {
     }
 
     // STOP from anywhere in the window, whatever has the focus. Enter, not Space, presses buttons.
-    Shortcut { sequences: ["Escape", "Space"]; context: Qt.ApplicationShortcut; autoRepeat: false; onActivated: desk.stop() }
+    Shortcut { sequences: ["Escape", "Space", "F12"]; context: Qt.ApplicationShortcut; autoRepeat: false; onActivated: desk.stop() }
 
     ColumnLayout {
         anchors.fill: parent
@@ -67,12 +67,14 @@ Window {
                         { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
                         { name: "objects", title: qsTr("Objects"), mark: "" },
                         { name: "signals", title: qsTr("Signals"), mark: "" },
+                        { name: "robot", title: qsTr("Robot"), mark: "" },
                         { name: "journal", title: qsTr("History"), mark: "" },
                     ]
                 }
                 TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
                 ObjectsPanel { visible: tabs.page === "objects"; Layout.fillWidth: true; Layout.fillHeight: true }
                 SignalsPanel { visible: tabs.page === "signals"; Layout.fillWidth: true; Layout.fillHeight: true }
+                RobotPanel { visible: tabs.page === "robot"; Layout.fillWidth: true; Layout.fillHeight: true }
                 JournalPanel { visible: tabs.page === "journal"; Layout.fillWidth: true; Layout.fillHeight: true; clip: true }
             }
         }

@@ -19,7 +19,7 @@ Rectangle {
     visible: view.open
     implicitHeight: visible ? column.implicitHeight + 2 * Theme.gap + Theme.tight : 0
     radius: Theme.radius
-    color: "#16212c"
+    color: Theme.asks
     border { color: tone; width: 2 }
     Accessible.role: Accessible.Grouping
     Accessible.name: qsTr("Question from the robot")
@@ -82,7 +82,7 @@ Rectangle {
             Layout.fillWidth: true
             visible: card.view.stale === true
             text: qsTr("This plan can't be executed any more: %1").arg(card.view.because || "")
-            color: "#ffaaa4"
+            color: Theme.badText
             font.pixelSize: Theme.body
             wrapMode: Text.Wrap
         }
@@ -90,7 +90,7 @@ Rectangle {
             Layout.fillWidth: true
             visible: !!card.view.refused
             text: qsTr("Not taken: %1").arg(card.view.refused || "")
-            color: "#ffaaa4"
+            color: Theme.badText
             font.pixelSize: Theme.body
             wrapMode: Text.Wrap
         }

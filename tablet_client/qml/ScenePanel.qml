@@ -14,8 +14,8 @@ Rectangle {
     radius: Theme.radius
     border.color: input.activeFocus && input.byKeyboard ? Theme.accent : Theme.line
     gradient: Gradient {
-        GradientStop { position: 0.0; color: "#222b35" }
-        GradientStop { position: 1.0; color: "#0d1217" }
+        GradientStop { position: 0.0; color: Theme.sceneTop }
+        GradientStop { position: 1.0; color: Theme.sceneBottom }
     }
     clip: true
 

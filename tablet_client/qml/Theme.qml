@@ -1,28 +1,36 @@
 pragma Singleton
 import QtQuick
 
-// Colours, sizes and type. Dark and calm: colour is kept for state, and red for what is wrong.
+// Colours, sizes and type, dark or light. Calm: colour is kept for state, and red for what is wrong.
 QtObject {
     property real scale: 1.0 // set by Main from the window's size
 
-    readonly property color ground: "#0b0f13"
-    readonly property color sceneTop: "#1a2129"
-    readonly property color panel: "#141a20"
-    readonly property color raised: "#1f2730"
-    readonly property color pressed: "#2b3641"
-    readonly property color line: "#28323c"
-    readonly property color text: "#e9eef3"
-    readonly property color muted: "#9aa8b6"
-    readonly property color faint: "#6b7885"
-    readonly property color accent: "#58b1ff"
-    readonly property color accentDeep: "#1d5f9e"
-    readonly property color good: "#45c486"
-    readonly property color warning: "#f0b541"
-    readonly property color danger: "#ff5c52"
+    property bool dark: true
+
+    readonly property color ground: dark ? "#0b0f13" : "#e7ecf1"
+    readonly property color sceneTop: dark ? "#222b35" : "#f7fafc"
+    readonly property color sceneBottom: dark ? "#0d1217" : "#c3ced9"
+    readonly property color panel: dark ? "#141a20" : "#ffffff"
+    readonly property color raised: dark ? "#1f2730" : "#edf1f5"
+    readonly property color pressed: dark ? "#2b3641" : "#d6dee6"
+    readonly property color line: dark ? "#28323c" : "#c5ced8"
+    readonly property color text: dark ? "#e9eef3" : "#141b22"
+    readonly property color muted: dark ? "#9aa8b6" : "#4a5763"
+    readonly property color faint: dark ? "#6b7885" : "#6d7985"
+    readonly property color code: dark ? "#b9d7f2" : "#12466f"
+    readonly property color accent: dark ? "#58b1ff" : "#1168b8"
+    readonly property color accentDeep: dark ? "#1d5f9e" : "#1168b8"
+    readonly property color textOnAccent: "#ffffff"
+    readonly property color good: dark ? "#45c486" : "#157a48"
+    readonly property color warning: dark ? "#f0b541" : "#8f5f00"
+    readonly property color danger: dark ? "#ff5c52" : "#c2241b"
     readonly property color stop: "#e3261c"
-    readonly property color badGround: "#3a1315"
-    readonly property color badLine: "#8d3431"
-    readonly property color badText: "#ffb3ad"
+    readonly property color asks: dark ? "#16212c" : "#eaf3fc"
+    readonly property color badGround: dark ? "#3a1315" : "#fdeceb"
+    readonly property color badLine: dark ? "#8d3431" : "#d98983"
+    readonly property color badText: dark ? "#ffb3ad" : "#9c1a12"
+    readonly property color endGround: dark ? "#43191a" : "#fbe3e1"
+    readonly property color endPressed: dark ? "#5a1c1a" : "#f2c5c1"
 
     readonly property int small: Math.round(13 * scale)
     readonly property int body: Math.round(15 * scale)

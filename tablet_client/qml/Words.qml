@@ -59,6 +59,8 @@ QtObject {
             stale_others_moved: qsTr("another joint has moved"),
             stale_base_moved: qsTr("robot's base has moved"),
             stale_base_unknown: qsTr("robot's place not known"),
+            program_runs: qsTr("a program runs"),
+            is_asked: qsTr("answer the question"),
             nothing_selected: qsTr("tap a template"),
             nothing_done: qsTr("nothing to undo"),
             nothing_undone: qsTr("nothing undone"),
@@ -117,6 +119,18 @@ QtObject {
             paused: qsTr("Next: Resume goes on where it stopped; Step goes on to the next thing it does."),
             paused_before: qsTr("Next: Resume lets it go on; Step does only what comes next; Skip leaves it out."),
         })[code] ?? code
+    }
+
+    // What the robot would do if this window lost the link.
+    function ifLost(code) {
+        return ({
+            no_robot: qsTr("Nobody is connected."),
+            nothing_moves: qsTr("Nothing moves now, and nothing would."),
+            program_goes_on: qsTr("The program would go on by itself, up to its next question, which would wait for an answer. “handrail stop” on the robot's computer stops it."),
+            program_waits: qsTr("The program is paused and would stay so; the robot holds."),
+            motion_ends: qsTr("The motion would go on to its end; then the robot holds."),
+            holds: qsTr("The robot would go on holding where it is."),
+        })[code] || code
     }
 
     // Whether an arm can get to a waypoint.

@@ -12,6 +12,7 @@ import trimesh
 import yourdfpy
 
 from handrail.robot.description import RobotDescription
+from tablet_client.models.hands import Span, spans
 from tablet_client.scene.kinematics import Chain
 from tablet_client.scene.meshes import Mesh, from_file, merged, shaded
 from tablet_client.scene.solids import solid
@@ -33,6 +34,7 @@ class DrawnRobot:
     tips: dict[str, str]
     """arm → the link at its tool's contact point"""
     arm_joints: dict[str, tuple[str, ...]]
+    grippers: dict[str, Span]
     floor: float
     """m, height of the floor, or where the description has none of the lowest point that does not move"""
 
@@ -60,6 +62,7 @@ def load(description: RobotDescription, cache: Path, progress: Progress | None =
         meshes=meshes,
         tips={name: arm.tip for name, arm in description.arms.items() if arm.tip in chain.frames},
         arm_joints={name: arm.joints for name, arm in description.arms.items()},
+        grippers=spans(description),
         floor=lowest if description.floor is None else description.floor,
     )
 

@@ -139,6 +139,7 @@ class Stage(QObject):
         moved |= self._show_clouds(situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
+        situation.hands.spans = self._robot.grippers
         plans, told = situation.plans, state.base
         source, problem = ("fixed", "") if told is None else (told.source, told.problem)
         if (source, problem) != (self._base_source, self._base_problem):

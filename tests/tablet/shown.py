@@ -124,6 +124,12 @@ class Shown:
         place = self.find("scene").findChild(QObject, name).property("scenePosition")
         return place.x(), -place.z(), place.y()  # Quick 3D has y up
 
+    def has_node(self, name: str) -> bool:
+        """Whether the scene has such a node, now: those of a list are made anew with it."""
+        from PySide6.QtCore import QObject
+
+        return self.find("scene").findChild(QObject, name) is not None
+
     def close(self) -> None:
         self.robot.released.set()
         self.session.close()

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from handrail.messages import GetReach, MakePlan, MoveInstance, SetParameters, Stop
+from handrail.messages import ExecutePlan, GetReach, MakePlan, MoveInstance, SetParameters, Stop
 from tests.tablet.shown import Shown, distance
 
 pytestmark = pytest.mark.window
@@ -80,7 +80,8 @@ def test_waypoints_stand_in_the_scene_in_the_colour_of_their_reach_and_beside_it
     selected.until(lambda: robot.calls_of(GetReach))
     selected.until(lambda: selected.item("reach_turn").property("why"))
     assert "21 mm" in selected.item("reach_turn").property("why")
-    assert selected.node("waypoint_approach") == pytest.approx((0.40, -0.25, 0.30), abs=1e-3)
+    place = pytest.approx((0.40, -0.25, 0.30), abs=1e-3)
+    selected.until(lambda: selected.has_node("waypoint_approach") and selected.node("waypoint_approach") == place)
     stage = selected.opened.stage
     drawn = [stage.waypoints.geometry(row) for row in range(3)]
     assert drawn[0] is stage._markers["reached"] and drawn[2] is stage._markers["near"]
@@ -122,3 +123,22 @@ def test_a_tap_beside_everything_selects_nothing(selected):
     selected.test.mouseClick(selected.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, corner)
     selected.until(lambda: selected.desk.bench.view["selected"] == "")
     assert not selected.find("handle").property("visible")
+
+
+def test_a_plan_is_executed_from_its_time_line_unless_the_button_says_why_not(robot, show):
+    robot.plans = [robot.plan()]
+    shown = show().drawn()
+    robot.enabled = False
+    robot.publish(robot.status(), robot.state())
+    shown.until(lambda: shown.item("execute").property("why") == "drives not enabled")
+    robot.enabled = True
+    robot.publish(robot.status())
+    shown.press("execute")
+    shown.until(lambda: [call.id for call in robot.calls_of(ExecutePlan)] == ["plan-1"])
+    assert shown.item("theme").isVisible() is False
+    shown.item("tabs").setProperty("page", "robot")
+    dark = shown.words("Theme.ground")
+    shown.press("theme")
+    shown.until(lambda: shown.words("Theme.ground") != dark)
+    shown.press("theme")
+    shown.until(lambda: shown.words("Theme.ground") == dark)

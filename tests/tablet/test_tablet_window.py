@@ -38,7 +38,7 @@ pytestmark = pytest.mark.window
 # Codes that the models may show, as they are in tablet_client/models.
 REASONS = [
     *("no_robot", "no_engine", "no_program", "stopped", "not_stopped", "already_enabled", "not_enabled", "sending"),
-    *("nothing_selected", "nothing_done", "nothing_undone", "no_trajectory"),
+    *("is_asked", "program_runs", "nothing_selected", "nothing_done", "nothing_undone", "no_trajectory"),
     *("already_paused", "not_paused", "not_running", "run_over", "run_under_way", "no_state", "plan_missing", "stale"),
     *(f"stale_{cause}" for cause in get_args(StaleCause)),
 ]
@@ -59,6 +59,25 @@ def asking(robot: Any, show: Callable[..., Shown]) -> Shown:
     shown = show()
     shown.until(lambda: shown.item("promptCard").isVisible())
     return shown
+
+
+def judge(asking: Shown, size: tuple[int, int]) -> None:
+    """Every control that is shown is at least 44 px large, has a name, and is not cut off."""
+    from PySide6.QtQml import QQmlProperty, qmlContext
+
+    controls = [
+        item
+        for item in asking.all_items()
+        if any(item.inherits(f"QQuick{kind}") for kind in ("AbstractButton", "Slider", "TextField"))
+    ]
+    assert len(controls) >= 10
+    for control in controls:
+        name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
+        assert name, f"{control.objectName()} has no accessible name"
+        assert min(control.width(), control.height()) >= 44, control.objectName()
+        whole = control if (scrolled := scrolled_by(control)) is None else scrolled
+        corner = whole.mapToScene(whole.boundingRect().bottomRight())
+        assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
 
 
 def scrolled_by(item: Any) -> Any:
@@ -136,7 +155,7 @@ def test_stop_by_touch(asking, robot):
     asking.test.touchEvent(asking.window, device).release(0, where, asking.window).commit()
 
 
-@pytest.mark.parametrize("key", ["Key_Escape", "Key_Space"])
+@pytest.mark.parametrize("key", ["Key_Escape", "Key_Space", "Key_F12"])
 def test_stop_by_key_whatever_has_the_focus(asking, robot, key):
     from PySide6.QtCore import Qt
 
@@ -515,24 +534,21 @@ def test_a_decision_with_all_its_figures_and_a_long_reason_leaves_every_control_
         asking.until(lambda control=control: control.mapToScene(control.boundingRect().bottomRight()).y() <= 640)
 
 
+@pytest.mark.parametrize("page", ["task", "objects", "robot", "journal"])
+def test_every_control_of_every_page_is_large_enough_for_a_finger_and_has_a_name(asking, page):
+    asking.drawn().desk.bench.select("wheel_1")
+    asking.until(lambda: asking.item("contextBar").isVisible())
+    asking.item("tabs").setProperty("page", page)
+    asking.turn(0.1)
+    judge(asking, (asking.window.width(), asking.window.height()))
+
+
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1200), (1024, 640)])
 def test_every_control_is_large_enough_for_a_finger_and_has_a_name(asking, size):
-    from PySide6.QtQml import QQmlProperty, qmlContext
-
     asking.drawn().window.resize(*size)
     asking.until(lambda: (asking.window.width(), asking.window.height()) == size)
     asking.turn(0.2)
-    controls = [
-        item for item in asking.all_items() if item.inherits("QQuickAbstractButton") or item.inherits("QQuickSlider")
-    ]
-    assert len(controls) >= 10
-    for control in controls:
-        name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
-        assert name, f"{control.objectName()} has no accessible name"
-        assert min(control.width(), control.height()) >= 44, control.objectName()
-        whole = control if (scrolled := scrolled_by(control)) is None else scrolled
-        corner = whole.mapToScene(whole.boundingRect().bottomRight())
-        assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
+    judge(asking, size)
     stop = asking.item("stop")
     assert stop.mapToScene(stop.boundingRect().topRight()).x() > size[0] - 30
 
@@ -563,6 +579,8 @@ def test_every_code_of_the_models_has_words(show):
         assert shown.words(f"Words.why('{code}')") != code
     for code in ("clear_first", "enable_first", "failed", "failed_at_once", "stopped", "paused", "paused_before"):
         assert shown.words(f"Words.advice('{code}')") != code
+    for code in ("no_robot", "nothing_moves", "program_goes_on", "program_waits", "motion_ends", "holds"):
+        assert shown.words(f"Words.ifLost('{code}')") != code
     for code in JOURNAL:
         assert shown.words(f"Words.entry('{code}', ['a', 'b', 'c'])") != f"{code} a b c"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import trimesh
 
@@ -22,6 +24,7 @@ _BALL, _STEM = 0.011, 0.055  # m
 _RING = 0.72  # of an arrow, as in models/handle.py
 
 
+@lru_cache(maxsize=8)
 def waypoint(state: str) -> Mesh:
     """A tool's tip with a stem that points back along the hand, and a short one along its x; in the waypoint's own frame."""
     color = _COLORS[state]

@@ -63,7 +63,8 @@ class Stage(QObject):
         self._state, self._problem, self._progress = "none", "", 0.0
         self._bodies, self._ghost, self._templates, self._clouds = Bodies(), Bodies(), Bodies(), Bodies()
         self._waypoints, self._way = Bodies(), MeshGeometry()
-        self._markers = {state: MeshGeometry(marks.waypoint(state)) for state in marks.STATES}
+        self._states: list[str | None] = []
+        """of the drawn waypoints, by their reach"""
         self._marked: tuple[object, ...] = ()
         self._handles = Bodies()
         self._handles.replace([(part, MeshGeometry(marks.part(part))) for part in handle.PARTS])
@@ -335,9 +336,17 @@ class Stage(QObject):
         if pose is not None:
             self._handle, self._handle_turn = placed(pose)
         states = [each.reach.state if each.reach else "" for each in waypoints]
-        self._waypoints.replace(
-            [(each.name, self._markers[state]) for each, state in zip(waypoints, states, strict=True)]
-        )
+        names = [each.name for each in waypoints]
+        if names != self._waypoints.names():
+            # A geometry of its own for each: one that no model uses any more must not outlive the window.
+            self._waypoints.replace([(name, MeshGeometry()) for name in names])
+            self._states = [None] * len(names)
+        for row, (state, before) in enumerate(zip(states, self._states, strict=True)):
+            if state != before:
+                geometry = self._waypoints.geometry(row)
+                assert isinstance(geometry, MeshGeometry)
+                geometry.show(marks.waypoint(state))
+        self._states = list(states)
         self._waypoints.pose(np.array([each.pose for each in waypoints]).reshape(-1, 4, 4))
         line = np.array([each.pose[:3, 3] for each in waypoints]).reshape(-1, 3)
         self._way.show(solids.tube(line, 0.0015, marks.WAY))

@@ -45,7 +45,7 @@ def test_the_camera_comes_to_look_at_what_it_is_told(workshop) -> None:
         eye = kinematics.frame(np.array([joints[name] for name in description.joints]), "rgbd_depth_optical_frame")
         way = np.array(place) - eye.translation
         off = math.acos(float(eye.rotation[:, 2] @ way) / float(np.linalg.norm(way)))
-        assert off < math.radians(3.0), f"{what} is {math.degrees(off):.1f}° off the middle of the picture"
+        assert off < math.radians(4.0), f"{what} is {math.degrees(off):.1f}° off the middle of the picture"
 
 
 def test_a_tool_turns_a_lever_from_closed_to_open(workshop) -> None:

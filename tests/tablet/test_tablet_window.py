@@ -559,6 +559,7 @@ def test_every_control_can_be_reached_and_pressed_by_keyboard(asking, robot):
     asking.drawn()
     asking.until(lambda: asking.item("option_approve").isEnabled())
     asking.window.requestActivate()
+    asking.until(asking.window.isActive)
     reached = set()
     for _ in range(40):
         asking.key(Qt.Key.Key_Tab)

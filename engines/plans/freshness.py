@@ -98,7 +98,7 @@ def _of_instance(before: Instance, now: Instance | None) -> Iterator[Cause]:
     if now.version == before.version:
         return
     versions = f"after the plan was made (version {before.version}, now {now.version})"
-    moved = _moved(before.pose_in_world, now.pose_in_world)
+    moved = moved_by(before.pose_in_world, now.pose_in_world)
     if moved:
         yield Cause("instance_moved", f"{name} was {moved} {versions}")
     first, then = before.template.values(before.parameters), now.template.values(now.parameters)
@@ -112,7 +112,7 @@ def _of_instance(before: Instance, now: Instance | None) -> Iterator[Cause]:
 def _of_base(before: Base | None, now: Base | None) -> Iterator[Cause]:
     if now is not None and now.source == "none":
         yield Cause("base_unknown", f"where the robot stands is not known: {now.problem}")
-    elif moved := _moved(_pose(before), _pose(now), *BASE_TOLERANCE):
+    elif moved := moved_by(_pose(before), _pose(now), *BASE_TOLERANCE):
         yield Cause("base_moved", f"the robot's base was {moved} after the plan was made")
 
 
@@ -142,8 +142,8 @@ def _pose(base: Base | None) -> Pose:
     return Pose() if base is None else base.pose_in_world
 
 
-def _moved(before: Pose, now: Pose, far: float = 0.0, turned: float = 0.0) -> str:
-    """'moved 12 mm and turned 3.0°' where it is further than `far` m or `turned` rad; else empty."""
+def moved_by(before: Pose, now: Pose, far: float = 0.0, turned: float = 0.0) -> str:
+    """'moved 12 mm and turned 3.0°' where poses are further apart than `far` m or `turned` rad; else empty."""
     distance = math.dist(before.position, now.position)
     cosine = abs(sum(a * b for a, b in zip(before.orientation, now.orientation, strict=True)))
     angle = 2.0 * math.acos(min(1.0, cosine / (math.hypot(*before.orientation) * math.hypot(*now.orientation))))

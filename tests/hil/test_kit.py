@@ -89,12 +89,9 @@ def test_a_daemon_alone_moves_nothing_and_holds_time_where_it_is_told(daemon, pl
 def test_a_robot_whose_host_is_cut_off_stops_by_itself_and_stays_when_the_cable_is_back(robot):
     action = robot.begin("arm_left_2_joint", 0.3, 2.0)
     robot.plant.wait(0.5)
-    cut_ns = robot.plant.time_ns
     with robot.bus.cut("daemon"):
         robot.plant.wait_state("*", "quick_stop_active")
-        robot.plant.assert_quick_stops(
-            "*", since_ns=cut_ns, within_cycles=30
-        )  # the cut came some cycles after the look
+        robot.assert_quick_stops("*", within_cycles=20)
         assert robot.daemon.wait_end(action).outcome == "stale_state", "before the drives count as lost"
         robot.plant.wait(0.3)
     robot.plant.assert_still()

@@ -26,6 +26,7 @@ from handrail.messages import (
     EngineSays,
     FetchCalls,
     Message,
+    Refused,
     Said,
 )
 from handrail.runtime import Runtime
@@ -97,14 +98,21 @@ class _Guest:
         """Pass on an answer or an event; what is none is logged."""
         if not said.piece:
             self._pieces.clear()  # the line may have been cut between two
-        if len(self._pieces) + len(said.payload) <= codec.LARGEST_ANSWER:
+        if len(self._pieces) <= codec.LARGEST_ANSWER:  # the piece that goes beyond it tells that it was too long
             self._pieces += said.payload
         if said.more:
             return
         payload = bytes(self._pieces)
+        self._pieces.clear()
+        if too_long := len(payload) > codec.LARGEST_ANSWER:
+            problem = f"the engine {self.name} said more than the link carries at once: {codec.LARGEST_ANSWER} bytes"
+            _log.warning(problem)
+            payload = _encoder.encode(Refused(message=problem))
         if said.number:
             if (identity := self._callers.pop(said.number, None)) is not None:
                 await self._service.send_multipart((identity, payload))
+        elif too_long:
+            return
         elif problem := self._no_event(said.event, payload):
             _log.warning("the engine %s told what is not passed on: %s", self.name, problem)
         else:
@@ -189,7 +197,10 @@ class Guests:
 
 
 def check_owner(call: Message, name: str) -> None:
-    """Raise RefusedError where an engine whose key has this name commands as somebody else."""
+    """Raise RefusedError where an engine whose key has this name commands as somebody else.
+
+    Calls that go on with an action by its id (CancelAction, StreamPose, ...) name no owner: any engine's key may make them.
+    """
     owner = getattr(call, "owner", name)
     if owner != name:
         raise refuse(f"the link knows this engine as {name}", "owner", owner[:80], name)

@@ -25,7 +25,7 @@ from handrail import messages as m
 from handrail.bundles import manifest
 from handrail.client import connect
 from handrail.engines import FIRST
-from handrail.link import keys
+from handrail.link import codec, keys
 from handrail.link.guests import Guests
 from handrail.link.session import Session
 from handrail.robot import library as robots
@@ -258,6 +258,34 @@ def test_long_answers_come_in_pieces_and_what_no_engine_tells_is_not_passed_on(r
     assert asyncio.run(work()) == ([b"long answer"], 0)
     assert "EngineInfo of 'engine'; expected vision" in caplog.text
     assert "'RobotState'; expected one of" in caplog.text
+
+
+def test_an_answer_longer_than_the_link_carries_is_refused_instead_of_cut_off(runtime, monkeypatch):
+    monkeypatch.setattr(codec, "LARGEST_ANSWER", 8)
+
+    async def work() -> list[bytes]:
+        context = zmq.asyncio.Context()
+        guests = Guests(runtime, context)
+        fetching = asyncio.create_task(guests.answer(m.FetchCalls(process="p"), "vision"))
+        await asyncio.sleep(0)
+        caller = context.socket(zmq.DEALER)
+        caller.connect(runtime.endpoint("vision.call"))
+        await caller.send(b"call")
+        calls = (await fetching).calls
+        while not calls:
+            calls = (await guests.answer(m.FetchCalls(process="p"), "vision")).calls
+        pieces = [
+            m.Said(each, number=calls[0].number, piece=k, more=k < 2)
+            for k, each in enumerate((b"12345", b"6789", b"0"))
+        ]
+        await guests.answer(m.EngineSays(process="p", batch=1, said=pieces), "vision")
+        answer = await asyncio.wait_for(caller.recv_multipart(), 30)
+        guests.close()
+        context.destroy(linger=0)
+        return answer
+
+    (answer,) = asyncio.run(work())
+    assert "more than the link carries" in msgspec.msgpack.decode(answer, type=m.Refused).message
 
 
 verb = typer.Typer()

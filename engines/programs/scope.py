@@ -23,8 +23,28 @@ NO_VALUE = (NameError, TypeError, ValueError, ArithmeticError, AttributeError, L
 """what an expression raises that has no value"""
 
 
+class _Told:
+    """A name that is only assigned to: who listens (the attribute of that name with a _ before it) is told of each value."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._listener = f"_{name}"
+
+    def __get__(self, data: ProgramData | None, owner: type) -> str:
+        return ""
+
+    def __set__(self, data: ProgramData, value: str) -> None:
+        getattr(data, self._listener)(value)
+
+
 class ProgramData:
     """SCXML's data model: the program's variables, parameters, resources and constants as attributes."""
+
+    asked = _Told()
+    """assigned to by transitions that ask instead of leading on: state and index of the way that is asked about"""
+    logged = _Told()
+    """by actions that log"""
+    sent = _Told()
+    """by actions that send: the event, and after how many s"""
 
     def __init__(self, names: Mapping[str, Any]):
         self.state: Any = None  # python-statemachine keeps the configuration here
@@ -35,33 +55,6 @@ class ProgramData:
         self._sent: Callable[[str], None] = lambda event: None
         for name, value in names.items():
             setattr(self, name, value)
-
-    @property
-    def asked(self) -> str:
-        """Assigned to by transitions that ask instead of leading on: state and index of the way that is asked about."""
-        return ""
-
-    @asked.setter
-    def asked(self, way: str) -> None:
-        self._asked(way)
-
-    @property
-    def logged(self) -> str:
-        """Assigned to by actions that log."""
-        return ""
-
-    @logged.setter
-    def logged(self, text: str) -> None:
-        self._logged(text)
-
-    @property
-    def sent(self) -> str:
-        """Assigned to by actions that send: the event, and after how many s."""
-        return ""
-
-    @sent.setter
-    def sent(self, event: str) -> None:
-        self._sent(event)
 
     def when_told(self, logged: Callable[[str], None], sent: Callable[[str], None]) -> None:
         """Have them told of what actions log and send."""

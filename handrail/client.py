@@ -127,7 +127,7 @@ def connect(
     if timeout_s > 0:
         try:
             session.wait_connected(timeout_s)
-        except BaseException:
+        except BaseException:  # Ctrl-C while it waits, too: nobody else could close the session's threads
             session.close()
             raise
     return Client(session, engine)
@@ -504,5 +504,5 @@ def _react(events: Events, react: Callable[[Any], None]) -> None:
     for event in events:
         try:
             react(event)
-        except Exception:
+        except Exception:  # whatever the caller's function raises: it is logged, and the next event may go well
             logger.exception("a reaction to %s failed; the stream goes on", type(event).__name__)

@@ -33,7 +33,7 @@ class Motion:
     seen: Sequence[Obstacle] = ()
     """what has no name: octrees of what cameras see"""
     clearance: float = 0.01
-    """m"""
+    """m, from what stands around; of the robot from itself not less than its guard wants"""
     along: Follow | None = None
     """in place of goals"""
     touching: Sequence[tuple[str, str]] = ()

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from affordance_templates.instance import Instance
 from engines.planning.along import Follow, touching
+from engines.planning.collision.margins import Margins
 from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.collision.seen import Eyes, Seen
 from engines.planning.collision.world import World
@@ -238,7 +239,10 @@ class MotionPlanner:
         key = (motion.moving, motion.clearance, allowed, tuple(map(id, solids)))  # alive: the scene's world holds them
         found = self._scenes.pop(key, None)
         if found is None:
-            found = Scene(World(self.mechanism, solids, allowed, moving=motion.moving), motion.clearance)
+            guard = self._description.guard
+            itself = max(motion.clearance, guard.planned) if guard.self_collision else motion.clearance
+            margins = Margins(itself=itself, objects=motion.clearance)
+            found = Scene(World(self.mechanism, solids, allowed, moving=motion.moving), margins)
         else:
             found.forget()
             self.solver.forget(found.world)

@@ -16,7 +16,7 @@ from engines.planning import constraints
 from engines.planning.along import Follow
 from engines.planning.collision.clearances import clearances, looks
 from engines.planning.collision.connect import Budget, Connector
-from engines.planning.collision.sweep import cubics
+from engines.planning.collision.sweep import Nearest, cubics
 from engines.planning.endless import endless_of, nearest_turn, told_by, unwound
 from engines.planning.footing import COMPOUND
 from engines.planning.goals import message_of
@@ -83,7 +83,12 @@ class MotionSearch:
         self._endless = endless_of(mechanism, [joint for joint in motion.moving if joint not in told])
         free = tuple(joint for joint in motion.moving if joint not in told)
         self._always: list[Constraint] = [
-            kinds.Clearance(scene=scene.world, at_least=motion.clearance + _SPARE, name="clearance")
+            kinds.Clearance(
+                scene=scene.world,
+                at_least=scene.margins.objects + _SPARE,
+                itself=scene.margins.itself + _SPARE,
+                name="clearance",
+            )
         ]
         if free:
             margin = constraints.LIMIT_MARGIN.bound
@@ -129,12 +134,11 @@ class MotionSearch:
 
     def _leavable(self) -> None:
         """Raise Infeasible when the robot stands where no motion may begin."""
-        nearest = self._connector.sweep.nearest(self._start, within=self._motion.clearance)
-        if nearest.pair >= 0:
-            bound = f"({nearest.between}) is {nearest.distance:.3g} m, at least {self._motion.clearance:g} allowed"
-            raise Infeasible(
-                "clearance", self._motion.clearance - nearest.distance, "m", "where the robot stands", bound
-            )
+        itself, margins = self._scene.world.of_itself, self._scene.margins
+        for chosen, floor in ((itself, margins.itself), (~itself, margins.objects)):
+            nearest = self._connector.sweep.nearest(self._start, chosen, within=floor)
+            if nearest.pair >= 0:
+                raise _too_near(nearest, floor, "where the robot stands")
         for missed in self._planner.solver.checker.violations(self._motion.stands, self._start):
             words = f"({missed.what}) is {missed.value:.3g} {missed.unit}"
             raise Infeasible(missed.constraint, missed.by, missed.unit, "where the robot stands", words)
@@ -322,12 +326,11 @@ class MotionSearch:
         rates = np.zeros((len(knots.times), self._mechanism.nq))
         rates[:, self._rows] = knots.velocities
         motion = cubics(knots.times, self._whole(knots.positions), rates)
-        floors = np.full(len(self._scene.world.pairs), self._motion.clearance - LENGTH)
-        meeting = self._connector.sweep.meeting(motion, floors, self._cancelled)
+        floors = self._scene.margins.floors(self._scene.world)
+        meeting = self._connector.sweep.meeting(motion, floors - LENGTH, self._cancelled)
         go_on(self._cancelled)
         if meeting is not None:
-            words = f"({meeting.between}) is {meeting.distance:.3g} m, at least {self._motion.clearance:g} allowed"
-            raise Infeasible("clearance", max(self._motion.clearance - meeting.distance, 0.0), "m", where, words)
+            raise _too_near(meeting, float(floors[meeting.pair]), where)
 
     def _kept(self, knots: Knots, limits: Limits, torque: Array) -> tuple[Measure, ...]:
         """Clearance, margin to the joint limits and share of `torque` (m,) N·m along knots."""
@@ -385,3 +388,8 @@ class MotionSearch:
             first += best
             passed.append(float(segment.times[first]))
         return tuple(passed)
+
+
+def _too_near(nearest: Nearest, floor: float, where: str) -> Infeasible:
+    words = f"({nearest.between}) is {nearest.distance:.3g} m, at least {floor:g} allowed"
+    return Infeasible("clearance", max(floor - nearest.distance, 0.0), "m", where, words)

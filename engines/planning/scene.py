@@ -10,10 +10,10 @@ from engines.planning.verifier import Verifier
 
 
 class Scene:
-    """Of one world; `clearance` m is kept in it. Making one takes as long as finding a posture."""
+    """Of one world; `margins` are kept in it. Making one takes as long as finding a posture."""
 
-    def __init__(self, world: World, clearance: float):
-        self.world, self.margins = world, Margins(clearance, clearance)
+    def __init__(self, world: World, margins: Margins):
+        self.world, self.margins = world, margins
         self.sweep = Sweep(world)
         self.verifier = Verifier(world, margins=self.margins, near=LENGTH)
 

@@ -244,7 +244,7 @@ class PlanMotion(Message):
     after: str = ""
     """id of a plan: from where it ends; empty: from where the robot is commanded now"""
     clearance: NonNegative = 0.01
-    """m, from every instance and of the robot from itself"""
+    """m, from every instance; of the robot from itself at least as much as the daemon's guard asks for"""
     ignore: list[Name] = []
     """instances that need not be kept clear of"""
     seen: bool = False

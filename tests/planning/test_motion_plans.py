@@ -11,14 +11,17 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from engines.planning.collision.margins import Margins
+from engines.planning.collision.world import World
 from engines.planning.ik.checker import ANGLE, LENGTH
 from engines.planning.ik.report import Measure as Missed
 from engines.planning.measures import TORQUE_SHARE
 from engines.planning.motion_planner import MotionPlanner
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
+from engines.planning.scene import Scene
 from engines.planning.strokes.manipulation import VELOCITY_SHARE
 from engines.planning.timing.timing import Knots, Limits, peak_velocities
 from engines.planning.verifier import Verifier, Violation
@@ -151,6 +154,29 @@ def test_a_reach_keeps_clear_of_an_instance_and_depends_on_its_version(bench, no
         least = min(least, data.distanceResults[nearest].min_distance)
     assert least >= 0.02 - LENGTH
     assert plan.clearance <= least + 1e-3, "no more is promised than there is"
+
+
+def test_a_motion_ends_no_nearer_to_the_robot_itself_than_its_guard_lets_it_stand_whatever_is_asked_for(bench):
+    inwards, guard = "arm_right_3_joint", bench.description.guard
+    (row,) = bench.description.index([inwards])
+    scene = Scene(World(bench.planner.mechanism, (), bench.description.allowed_collision_pairs), Margins(0.0, 0.0))
+
+    def nearest(angle: float) -> float:
+        position = bench.home.copy()
+        position[row] = angle
+        return scene.sweep.nearest(bench.planner.configuration("position", position)).distance
+
+    start = bench.home[row]
+    folded = next(angle for angle in np.linspace(start, bench.description.upper[row], 60) if nearest(angle) < 0.0)
+
+    def angle_at(distance: float) -> float:
+        return brentq(lambda angle: nearest(angle) - distance, start, folded)
+
+    clear, near = angle_at(guard.planned + 0.004), angle_at(guard.planned - 0.004)
+    plan = bench.plan(goals=[JointsGoal(positions={inwards: clear})], joints=[inwards], clearance=0.0)
+    assert plan.clearance >= guard.planned - LENGTH
+    with pytest.raises(Infeasible, match="clearance"):
+        bench.plan(goals=[JointsGoal(positions={inwards: near})], joints=[inwards], clearance=0.0)
 
 
 def test_a_goal_goes_with_its_instance_and_with_the_feature_that_it_is_said_in(bench, wheel_at):

@@ -167,15 +167,18 @@ class Checker:
         centres = np.einsum("kji,kj->ki", places[:, :9].reshape(-1, 3, 3), scene.centres) + places[:, 9:]
         one, other = scene.pairs.T
         least = np.linalg.norm(centres[one] - centres[other], axis=1) - scene.radii[one] - scene.radii[other]
-        apart, nearest = np.inf, 0
+        floors = c.floors
+        least -= floors
+        spare, worst = np.inf, 0
         for pair in np.argsort(least).tolist():  # no two bodies are nearer than the balls about them
-            if least[pair] >= apart:
+            if least[pair] >= spare:
                 break
-            distance = float(pin.computeDistance(scene.geometry, scratch, pair).min_distance)
-            if distance < apart:
-                apart, nearest = distance, pair
-        first, second = scene.pairs[nearest]
-        return Measure(c.label, f"{scene.names[first]} and {scene.names[second]}", apart, c.at_least, np.inf, "m")
+            over = float(pin.computeDistance(scene.geometry, scratch, pair).min_distance - floors[pair])
+            if over < spare:
+                spare, worst = over, pair
+        first, second = scene.pairs[worst]
+        floor = float(floors[worst])
+        return Measure(c.label, f"{scene.names[first]} and {scene.names[second]}", spare + floor, floor, np.inf, "m")
 
     def _body_distance(self, c: kinds.BodyDistance) -> Measure:
         scene = c.scene

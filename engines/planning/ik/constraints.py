@@ -262,10 +262,17 @@ class Clearance(Constraint):
 
     scene: World
     at_least: float = 0.01
+    itself: float | None = None
+    """m, of the robot's links from each other where that is another one"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_finite(at_least=(self.at_least,))
+        self._check_finite(at_least=(self.at_least,), itself=() if self.itself is None else (self.itself,))
+
+    @property
+    def floors(self) -> NDArray[np.float64]:
+        """(pairs of the scene,) m"""
+        return np.where(self.scene.of_itself, self.at_least if self.itself is None else self.itself, self.at_least)
 
     def _words(self) -> str:
         return "clearance"

@@ -42,8 +42,8 @@ class Bodies:
     def within(self, constraint: Clearance | BodyDistance, *, gives: bool = False) -> Nearness:
         """With the constraint's bounds."""
         if isinstance(constraint, Clearance):
-            return Nearness(self, constraint.at_least, np.inf, gives)
-        return Nearness(self, constraint.lower, constraint.upper, gives)
+            return Nearness(self, constraint.floors, np.inf, gives)
+        return Nearness(self, np.full(len(self.pairs), constraint.lower), constraint.upper, gives)
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Nearness:
     """One constraint between bodies, as a solver evaluates it."""
 
     bodies: Bodies
-    lower: float
-    """m"""
+    lower: Array
+    """(pairs,) m"""
     upper: float
     gives: bool
     """whether it may give way"""
@@ -70,7 +70,7 @@ class Nearness:
         b = self.bodies
         pin.updateGeometryPlacements(b.model, b.data, b.geometry, b.scratch)
         bounded = self.upper < np.inf
-        reach = np.inf if bounded else self.lower + REACH
+        reach = np.inf if bounded else float(self.lower.max(initial=0.0)) + REACH
         near = kernels.near_pairs(b.placements, b.centres, b.radii, b.pairs, reach, b.balls, b.found)
         found = []
         for pair in b.found[:near].tolist():
@@ -87,7 +87,7 @@ class Nearness:
             numbers[k, kernels.PLACE_B] = distance
             numbers[k, kernels.VECTOR : kernels.VECTOR + 3] = result.getNearestPoint1()
             numbers[k, kernels.OTHER : kernels.OTHER + 3] = result.getNearestPoint2()
-            lower[k] = self.lower
+            lower[k] = self.lower[pair]
             upper[k] = self.upper if distance == least else np.inf
         return len(found)
 

@@ -59,7 +59,9 @@ def _widened(c: Constraint, measure: Callable[[Constraint], list[Measure]]) -> l
         case kinds.Balance():
             return [replace(c, margin=_wide(measure(c)[0])[0])]
         case kinds.Clearance():
-            return [replace(c, at_least=_wide(measure(c)[0])[0])]
+            worst = measure(c)[0]
+            less = worst.lower - _wide(worst)[0]
+            return [replace(c, at_least=c.at_least - less, itself=None if c.itself is None else c.itself - less)]
         case kinds.JointLimits():
             short = max((one.by for one in measure(c)), default=0.0)
             return [replace(c, margin=max(c.margin - short - _ROOM, 0.0))]

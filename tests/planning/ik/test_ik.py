@@ -176,6 +176,22 @@ def test_the_arm_keeps_clear_of_a_table_that_its_nominal_way_would_touch(solver,
     assert min(result.min_distance for result in data.distanceResults) > 0.03 - LENGTH
 
 
+def test_the_robot_may_keep_another_clearance_from_itself_than_from_a_table(solver, upper, ready, placed):
+    there = placed(upper, ready, "arm_right_5_link").translation
+    scene = World(upper, [table_at(*(there - [0.0, 0.0, 0.1]))], SPARE)
+    of_itself = Checker(upper).measures([Clearance(scene=World(upper, (), SPARE), at_least=0.0)], ready)[0].value
+    wide = Clearance(scene=scene, at_least=0.03, itself=of_itself + 0.02)
+    q = solver.solve([wide], ready, starts=10).require().q
+    data = scene.geometry.createData()
+    pin.computeDistances(upper.model, upper.model.createData(), scene.geometry, data, q)
+    distances = np.array([result.min_distance for result in data.distanceResults])
+    assert distances[~scene.of_itself].min() > 0.03 - LENGTH
+    assert distances[scene.of_itself].min() > of_itself + 0.02 - LENGTH
+    (measured,) = Checker(upper).measures([wide], q)
+    floors = np.where(scene.of_itself, of_itself + 0.02, 0.03)
+    assert measured.value - measured.lower == pytest.approx((distances - floors).min(), abs=1e-9)
+
+
 def test_two_links_keep_a_distance_between_bounds(solver, upper, ready):
     scene = World(upper, (), SPARE)
     between = BodyDistance(scene=scene, link="arm_right_5_link", other="arm_left_5_link", lower=0.1, upper=0.12)

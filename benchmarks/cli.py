@@ -16,7 +16,7 @@ import benchmarks
 from benchmarks.rows import show
 
 _NOT_BENCHMARKS = {
-    "cli", "deploying", "engines_peer", "peers", "planning_peers", "rows", "sea_pictures", "wake_ups", "wbc_peers",
+    "cli", "deploying", "engines_peer", "peers", "planning_peers", "rows", "sea_pictures", "turn_marks", "wake_ups", "wbc_peers",
 }  # fmt: skip
 
 
@@ -40,13 +40,14 @@ def bench(
     if name not in names():
         console.print(f"handrail bench: got {name!r}; expected one of {', '.join(names())}", markup=False)
         raise typer.Exit(2)
-    measure = importlib.import_module(f"benchmarks.{name}").rows
+    benchmark = importlib.import_module(f"benchmarks.{name}")
+    measure = benchmark.rows
     draws = "out" in inspect.signature(measure).parameters
     if out and not draws:
         console.print(f"handrail bench: --out {out}: {name} draws no pictures; leave it out", markup=False)
         raise typer.Exit(2)
     rows = measure(out=out) if draws else measure()
-    show(console, rows)
+    getattr(benchmark, "show", show)(console, rows)  # some have a table of their own
     if json:
         json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=2) + b"\n")
     if not all(row.holds for row in rows):

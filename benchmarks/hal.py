@@ -78,13 +78,15 @@ def _row(name: str, value: float, unit: str, *, at_most: float | None = None, at
 
 
 @contextmanager
-def _processes(*names: str) -> Iterator[Runtime]:
-    """The named processes of a robot's service in lock-step, in a folder of their own."""
+def _processes(*names: str, marked: bool = False) -> Iterator[Runtime]:
+    """The named processes of a robot's service in lock-step, in a folder of their own. marked: see `stack`."""
     folder = Path(tempfile.mkdtemp(prefix="handrail-bench-", dir=memory_folder()))
     common = ["--robot", ROBOT, "--clock", "lockstep", "--runtime", str(folder)]
+    marks = "benchmarks.turn_marks"
+    plant, loop = ([marks, "plant"], [marks, "loop"]) if marked else (["hal.plant.world"], ["daemon.loop"])
     commands = {
-        "plant": [sys.executable, "-m", "hal.plant.world", "--scene", SCENE, *common],
-        "loop": [sys.executable, "-m", "daemon.loop", *common],
+        "plant": [sys.executable, "-m", *plant, "--scene", SCENE, *common],
+        "loop": [sys.executable, "-m", *loop, *common],
         "server": [sys.executable, "-m", "daemon.server", *common],
     }
     try:
@@ -195,7 +197,25 @@ def _plant_row() -> Row:
 
 
 def _stack_rows() -> list[Row]:
-    with _processes("plant", "loop", "server") as runtime:
+    with stack() as (_, caller):
+        holding = _pace(caller)
+        sway(caller)
+        moving = _pace(caller)
+        assert caller.call(GetStatus()).action, "the motion ended before its turns were over"
+    what = "whole stack in lock-step: plant, loop, server"
+    return [
+        _row(f"{what}; holding", holding, "× real time", at_least=5.0),
+        _row(f"{what}; an arm moves", moving, "× real time", at_least=5.0),
+    ]
+
+
+@contextmanager
+def stack(*, marked: bool = False) -> Iterator[tuple[Runtime, Caller]]:
+    """Plant, loop and server in lock-step with the robot enabled, and a subscriber to all events.
+
+    marked: plant and loop write down when each part of a turn is over (benchmarks.turn_marks).
+    """
+    with _processes("plant", "loop", "server", marked=marked) as runtime:
         caller = Caller(runtime.endpoint("daemon.call"))
         listener = Subscriber(runtime.endpoint("daemon.events"), DaemonEvent)
         ending = threading.Event()
@@ -207,21 +227,13 @@ def _stack_rows() -> list[Row]:
             caller.call(Enable())
             while not caller.call(GetStatus()).enabled:
                 time.sleep(0.05)
-            holding = _pace(caller)
-            caller.call(_sway(robots.load(ROBOT)))
-            moving = _pace(caller)
-            assert caller.call(GetStatus()).action, "the motion ended before its turns were over"
+            yield runtime, caller
         finally:
             ending.set()
             if listening.is_alive():
                 listening.join()
             caller.close()
             listener.close()
-    what = "whole stack in lock-step: plant, loop, server"
-    return [
-        _row(f"{what}; holding", holding, "× real time", at_least=5.0),
-        _row(f"{what}; an arm moves", moving, "× real time", at_least=5.0),
-    ]
 
 
 def _listen(listener: Subscriber, ending: threading.Event) -> None:
@@ -234,15 +246,25 @@ def _pace(caller: Caller) -> float:
     paces = []
     for _ in range(_TURNS):
         before, began = caller.call(GetStatus()).time_ns, time.perf_counter()
-        while (passed := time.perf_counter() - began) < _TURN_S:
-            caller.call(CheckIn(owner=_OWNER))
-            time.sleep(min(_CHECK_IN_S, _TURN_S - passed))
+        check_in_for(caller, _TURN_S)
         paces.append((caller.call(GetStatus()).time_ns - before) * 1e-9 / (time.perf_counter() - began))
     return float(np.median(paces))
 
 
-def _sway(description: RobotDescription) -> StartAction:
-    """The right arm to and fro."""
+def check_in_for(caller: Caller, seconds: float) -> None:
+    """Let wall time go by while whoever commands the arm stays there."""
+    began = time.perf_counter()
+    while (passed := time.perf_counter() - began) < seconds:
+        caller.call(CheckIn(owner=_OWNER))
+        time.sleep(min(_CHECK_IN_S, seconds - passed))
+
+
+def sway(caller: Caller) -> None:
+    """Move the right arm to and fro from now on, for two minutes of the robot's time."""
+    caller.call(_to_and_fro(robots.load(ROBOT)))
+
+
+def _to_and_fro(description: RobotDescription) -> StartAction:
     arm = description.arms["right"]
     joints = description.groups["arm_right"]
     times = np.arange(0.0, _MOVE_S * 1.001, 0.25)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from affordance_templates.placement import Array, of_message
 from affordance_templates.template import ResolvedTemplate
 from affordance_templates.template_file import Template
-from handrail.messages import InstanceState, Pose
+from handrail.messages import InstanceState, Pose, Provenance
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,33 @@ class Instance:
     joint_state: Mapping[str, float] = field(default_factory=dict)
     """joint → rad (prismatic: m), as believed; joints not named are at 0"""
     version: int = 1
-    """goes up with every edit of pose or parameters"""
+    """goes up with every edit (see `InstanceState`)"""
+    held_by: str = ""
+    """the operator who drags it"""
+    provenance: Provenance = field(default_factory=Provenance)
+
+    @classmethod
+    def of(cls, state: InstanceState, template: Template) -> Instance:
+        """The instance that was told. Raises ValueError (config.ConfigError among it) where its template has no shape like that."""
+        instance = cls(
+            name=state.name,
+            template=template,
+            pose_in_world=state.pose_in_world,
+            parameters=template.values(state.parameters),
+            joint_state=dict(state.joint_state),
+            version=state.version,
+            held_by=state.held_by,
+            provenance=state.provenance,
+        )
+        instance.resolve()
+        return instance
+
+    def changed(self, **changes: Any) -> Instance:
+        """The instance with other values; a shape that is the same is not worked out again, as a drag is many changes."""
+        new = replace(self, **changes)
+        if not changes.keys() & {"template", "parameters", "joint_state"} and "_resolved" in vars(self):
+            vars(new)["_resolved"] = self._resolved
+        return new
 
     @cached_property
     def _resolved(self) -> ResolvedTemplate:
@@ -56,4 +83,6 @@ class Instance:
             parameters=self.template.values(self.parameters),
             joint_state={name: float(self.joint_state.get(name, 0.0)) for name in self.resolve().joints},
             removed=removed,
+            held_by=self.held_by,
+            provenance=self.provenance,
         )

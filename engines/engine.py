@@ -29,6 +29,7 @@ from affordance_templates.server import AffordanceServer
 from engines import identifiers
 from engines.activities.base import ActivityFailed, Planner, Services
 from engines.daemon_client import DaemonClient
+from engines.instance_desk import InstanceDesk
 from engines.learning.book import RunBook, location
 from engines.learning.learner import Learner
 from engines.nodes.desk import answers as node_answers
@@ -125,6 +126,7 @@ class Engine:
             if first
             else SharedInstances(runtime, changed=self._instance_told, log=self._log)
         )
+        self._instances = InstanceDesk(self._tell)
         self._reach = ReachDesk(description, affordances, daemon, self._tell)
         plans = PlanStore(affordances.instances, daemon.world, self._tell)
         self._sight = Sight(runtime)
@@ -148,11 +150,7 @@ class Engine:
         for problem in (*affordances.problems, *self._releases.problems):
             self._log("error", problem)
         self._answers: dict[type, Callable[[Any], Any]] = {
-            m.PlaceInstance: lambda call: affordances.place(call).state(),
-            m.MoveInstance: lambda call: affordances.move(call).state(),
-            m.SetParameters: lambda call: affordances.set_parameters(call).state(),
-            m.RemoveInstance: affordances.remove,
-            m.GetInstances: lambda call: m.Instances(instances=[each.state() for each in affordances.instances()]),
+            **self._instances.open(affordances),
             m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
             m.CancelPlanning: lambda call: self._desk.cancel(),
@@ -187,7 +185,6 @@ class Engine:
             m.GetProgram: lambda call: _in_thread(functools.partial(saving.source, call), "program"),
             m.SaveProgram: lambda call: _in_thread(functools.partial(self._save_program, call), "save"),
             m.GetReleases: lambda call: self._releases.listing(self._name),
-            m.SetJoint: lambda call: affordances.set_joint(call.name, call.joint, call.position).state(),
             m.GetEngines: lambda call: m.Engines(engines=[self._info()]),
             m.RollBack: lambda call: _in_thread(functools.partial(self._roll_back, call), "roll back"),
         }
@@ -228,6 +225,7 @@ class Engine:
             except RefusedError as refused:
                 self._log("warning", str(refused))
             self._job.join(0.5)
+        self._instances.close()
         self._publish()
         self._services.nodes.close()
         self._reach.close()
@@ -276,7 +274,7 @@ class Engine:
         )
 
     def _instance_changed(self, state: m.InstanceState) -> None:
-        self._tell(state)
+        self._instances.told(state)
         self._instance_told(state)
 
     def _instance_told(self, state: m.InstanceState) -> None:

@@ -34,19 +34,34 @@ class SharedInstances(AffordanceServer):
         self._thread.start()
 
     def place(self, request: m.PlaceInstance) -> Instance:
-        return self._edited(self._call(request))
+        return self._answered(self._call(request))
 
     def move(self, request: m.MoveInstance) -> Instance:
-        return self._edited(self._call(request))
+        return self._answered(self._call(request))
 
     def set_parameters(self, request: m.SetParameters) -> Instance:
-        return self._edited(self._call(request))
+        return self._answered(self._call(request))
+
+    def edit(self, request: m.EditInstance) -> m.InstanceEdit:
+        return self._call(request)
+
+    def undo(self, request: m.UndoEdit) -> m.InstanceEdit:
+        return self._call(request)
+
+    def redo(self, request: m.RedoEdit) -> m.InstanceEdit:
+        return self._call(request)
+
+    def hold(self, request: m.HoldInstance) -> Instance:
+        return self._answered(self._call(request))
+
+    def release(self, request: m.ReleaseInstance) -> Instance:
+        return self._answered(self._call(request))
 
     def remove(self, request: m.RemoveInstance) -> None:
         self._call(request)
 
     def set_joint(self, name: str, joint: str, position: float) -> Instance:
-        return self._edited(self._call(m.SetJoint(name=name, joint=joint, position=position)))
+        return self._answered(self._call(m.SetJoint(name=name, joint=joint, position=position)))
 
     def close(self) -> None:
         """End the thread."""
@@ -61,7 +76,7 @@ class SharedInstances(AffordanceServer):
         except Unreachable as silent:
             raise refuse(f"the engine that owns the instances does not answer: {silent}") from silent
 
-    def _edited(self, state: m.InstanceState) -> Instance:
+    def _answered(self, state: m.InstanceState) -> Instance:
         self._take(state)
         return self.get(state.name)
 
@@ -87,32 +102,28 @@ class SharedInstances(AffordanceServer):
             return  # asked again, soon
         self._current = True
         with self._lock:
-            gone = self._instances.keys() - {state.name for state in found.instances}
-            for name in gone:
-                self._changed(self._instances.pop(name).state(removed=True))
+            there = {state.name for state in found.instances}
+            for gone in [each for each in self.instances() if each.name not in there]:
+                self._now = self._now.without(gone.name)
+                self._changed(gone.state(removed=True))
         for state in found.instances:
             self._take(state)
 
     def _take(self, state: m.InstanceState) -> None:
         with self._lock:
-            old = self._instances.get(state.name)
+            old = self._now.instances.get(state.name)
             if state.removed:
-                self._instances.pop(state.name, None)
+                self._now = self._now.without(state.name)
             elif old is not None and old.state() == state:
                 return
             elif old is not None and old.version > state.version:
                 return  # told late of what is older than what an edit was answered with
             else:
                 try:
-                    template = catalogue.load(state.template)
-                    parameters = template.values(state.parameters)
-                    instance = Instance(
-                        state.name, template, state.pose_in_world, parameters, dict(state.joint_state), state.version
-                    )
-                    instance.resolve()
+                    instance = Instance.of(state, catalogue.load(state.template))
                 except ValueError as problem:
-                    self._instances.pop(state.name, None)
+                    self._now = self._now.without(state.name)
                     self._log("error", f"instance {state.name}: {problem}; not in this engine's world")
                     return
-                self._instances[state.name] = instance
+                self._now = self._now.with_instance(instance, {})
         self._changed(state)

@@ -30,6 +30,7 @@ import msgspec
 
 from handrail.bundles.manifest import Bundle
 from handrail.bundles.sending import Progress, Sender
+from handrail.instance_calls import InstanceCalls
 from handrail.link import keys as link_keys
 from handrail.link.events import Events, Live
 from handrail.link.selections import Part, Selection
@@ -53,7 +54,6 @@ from handrail.messages import (
     ExecutePlan,
     GetEngine,
     GetEngines,
-    GetInstances,
     GetOutline,
     GetPlan,
     GetReleases,
@@ -61,23 +61,18 @@ from handrail.messages import (
     GetRunHistory,
     GetStatus,
     Goal,
-    InstanceState,
     Jog,
     Library,
     ListLibrary,
     MakePlan,
-    MoveInstance,
     Outline,
     PauseRun,
-    PlaceInstance,
     PlanMotion,
     PlanPreview,
-    Pose,
     PostureGoal,
     RankChoices,
     Release,
     Releases,
-    RemoveInstance,
     ResumeRun,
     RobotInfo,
     RollBack,
@@ -87,7 +82,6 @@ from handrail.messages import (
     RunState,
     SetAutonomy,
     SetBreakpoints,
-    SetParameters,
     SetRunParameters,
     SetSpeed,
     StepRun,
@@ -133,7 +127,7 @@ def connect(
     return Client(session, engine)
 
 
-class Client(NodeCalls, TemplateCalls):
+class Client(InstanceCalls, NodeCalls, TemplateCalls):
     """One operator's connection to a robot. Made by `connect`; reconnects by itself; close it or use it as a context."""
 
     def __init__(self, session: Session, engine: str = ""):
@@ -236,31 +230,7 @@ class Client(NodeCalls, TemplateCalls):
         """
         self.call(SwitchRelay(power=power, closed=closed, force=force))
 
-    # ------------------------------------------------------------------------------------------------- templates, plans
-
-    def place_instance(
-        self, name: str, template: str, pose_in_world: Pose, parameters: Mapping[str, float] | None = None
-    ) -> InstanceState:
-        """Put the library's `template` into the world under a name of its own."""
-        return self.call(
-            PlaceInstance(name=name, template=template, pose_in_world=pose_in_world, parameters=dict(parameters or {}))
-        )
-
-    def move_instance(self, name: str, pose_in_world: Pose) -> InstanceState:
-        """Give an instance a new pose; plans made from it become stale."""
-        return self.call(MoveInstance(name=name, pose_in_world=pose_in_world))
-
-    def set_parameters(self, name: str, parameters: Mapping[str, float]) -> InstanceState:
-        """Change an instance's parameters; plans made from it become stale."""
-        return self.call(SetParameters(name=name, parameters=dict(parameters)))
-
-    def remove_instance(self, name: str) -> None:
-        """Take an instance away."""
-        self.call(RemoveInstance(name=name))
-
-    def instances(self) -> list[InstanceState]:
-        """All instances."""
-        return self.call(GetInstances()).instances
+    # ------------------------------------------------------------------------------------------------------------- plans
 
     def plan(
         self, instance: str, trajectory: str, arm: str = "right", *, arc: float | None = None, after: str = "",

@@ -17,6 +17,15 @@ with handrail.connect() as robot:
     except handrail.client.RefusedError as refused:  # field, value and what was expected; nothing has changed
         print("refused:", refused)
 
+    # Several operators may edit one instance: each changes the fields that he names, and takes back his own.
+    robot.hold_instance("guess")  # nobody else moves it now; all until it is released is one step to undo
+    for x in (0.57, 0.58, 0.59):
+        edited = robot.edit_instance("guess", position=(x, -0.34, 0.29), base=moved.version)
+    robot.release_instance("guess")
+    print(f"dragged: {edited.fields} changed, over others' newer values: {edited.overwrote or 'none'}")
+    print("undone:", robot.undo_instances().instance.pose_in_world.position)
+    print("done again:", robot.redo_instances().instance.pose_in_world.position)
+
     robot.remove_instance("guess")
     robot.place_instance("crate", "box", Pose(position=(0.55, -0.30, 0.10)))
     for waypoint in robot.reach("crate", "grasp", "right").waypoints:

@@ -110,14 +110,21 @@ from handrail.messages.goals import (
     RelationGoal,
 )
 from handrail.messages.instances import (
+    EditInstance,
     GetInstances,
+    HoldInstance,
+    InstanceEdit,
     Instances,
     InstanceState,
     MoveInstance,
     PlaceInstance,
+    Provenance,
+    RedoEdit,
+    ReleaseInstance,
     RemoveInstance,
     SetJoint,
     SetParameters,
+    UndoEdit,
 )
 from handrail.messages.jogs import Jog, Jogged
 from handrail.messages.motions import (
@@ -301,6 +308,7 @@ __all__ = [
     "Dither",
     "DivergenceEnd",
     "DriveStatus",
+    "EditInstance",
     "EditPlan",
     "Enable",
     "EndCondition",
@@ -347,8 +355,10 @@ __all__ = [
     "GuestCall",
     "HardwareComponent",
     "HardwareStatus",
+    "HoldInstance",
     "HoldTime",
     "ImuState",
+    "InstanceEdit",
     "InstanceState",
     "Instances",
     "Jog",
@@ -407,14 +417,17 @@ __all__ = [
     "ProgramSource",
     "Prompt",
     "PromptClosed",
+    "Provenance",
     "PutBundle",
     "PutNode",
     "RankChoices",
     "Reach",
+    "RedoEdit",
     "Reference",
     "Refused",
     "RelationGoal",
     "Release",
+    "ReleaseInstance",
     "ReleaseKeepalive",
     "ReleaseTime",
     "Releases",
@@ -472,6 +485,7 @@ __all__ = [
     "TimeEnd",
     "TorqueLimitEnd",
     "TravelEnd",
+    "UndoEdit",
     "UnloadController",
     "Vector",
     "WatchPort",
@@ -495,6 +509,11 @@ GetControllers.Reply = ControllerList
 PlaceInstance.Reply = InstanceState
 MoveInstance.Reply = InstanceState
 SetParameters.Reply = InstanceState
+HoldInstance.Reply = InstanceState
+ReleaseInstance.Reply = InstanceState
+EditInstance.Reply = InstanceEdit
+UndoEdit.Reply = InstanceEdit
+RedoEdit.Reply = InstanceEdit
 GetInstances.Reply = Instances
 GetPlan.Reply = PlanPreview
 MakePlan.Reply = PlanPreview
@@ -559,6 +578,11 @@ EngineCall = (
     PlaceInstance
     | MoveInstance
     | SetParameters
+    | EditInstance
+    | UndoEdit
+    | RedoEdit
+    | HoldInstance
+    | ReleaseInstance
     | RemoveInstance
     | GetInstances
     | GetPlan
@@ -634,6 +658,7 @@ Answer = (
     | ControllerList
     | InstanceState
     | Instances
+    | InstanceEdit
     | PlanPreview
     | Choices
     | Library

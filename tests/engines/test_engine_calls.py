@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from affordance_templates import instance_file
 from handrail import messages as m
 from handrail.topics import Caller, RefusedError
 from tests.engines.conftest import tip_pose
@@ -250,7 +251,7 @@ def test_a_defect_that_a_call_finds_ends_neither_the_engine_nor_the_run(stack, m
     def crash(*_):
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(stack.engine._services.affordances, "_save", crash)
+    monkeypatch.setattr(instance_file, "write", crash)
     refusal = stack.refusal(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
     assert "No space left on device" in refusal.message
     assert stack.call(m.GetInstances()).instances[0].version == 1, "nothing has changed"

@@ -94,7 +94,7 @@ def move(stand, x: float) -> None:
 def test_while_one_question_is_open_only_the_newest_version_waits_for_the_next(stand):
     answer = stand.desk.ask(QUESTION)
     first = stand.other.asked()
-    for k in range(5):
+    for k in range(1, 6):
         move(stand, 0.5 + 0.01 * k)
     stand.other.tell(first)
     second = stand.other.asked()

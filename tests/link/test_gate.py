@@ -59,7 +59,7 @@ class TestCalls:
         client.answer("p1", "approve")
         assert [type(message) for message in daemon.asked] == [GetRobot, Disable]
         assert engine.asked == [
-            PlaceInstance(name="wheel_1", template="wheel", pose_in_world=pose),
+            PlaceInstance(name="wheel_1", template="wheel", pose_in_world=pose, by="local"),
             AnswerPrompt(id="p1", answer="approve"),
         ]
 

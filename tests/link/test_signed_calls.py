@@ -5,7 +5,22 @@ from __future__ import annotations
 import shutil
 
 from handrail.link import keys
-from handrail.messages import Challenge, CommandGripper, GetChallenge, SetSpeed
+from handrail.messages import (
+    Challenge,
+    CommandGripper,
+    EditInstance,
+    GetChallenge,
+    HoldInstance,
+    MoveInstance,
+    PlaceInstance,
+    Pose,
+    RedoEdit,
+    ReleaseInstance,
+    RemoveInstance,
+    SetParameters,
+    SetSpeed,
+    UndoEdit,
+)
 
 
 def test_a_call_says_the_name_and_the_role_of_its_key_and_not_what_its_sender_wrote(stand, tmp_path):
@@ -24,3 +39,13 @@ def test_a_call_says_the_name_and_the_role_of_its_key_and_not_what_its_sender_wr
     (stand.keys / "allowed" / "anna.key").rename(stand.keys / "allowed" / "gone")
     client.call(SetSpeed(share=1.0, by="local", role="operator"))
     assert (daemon.asked[-1].by, daemon.asked[-1].role) == ("unknown", "none")
+
+
+def test_who_edits_instances_is_whose_key_it_is(stand, tmp_path):
+    engine, _, _ = stand.engine(), stand.daemon(), stand.gate()
+    client = stand.client()
+    for kind in (PlaceInstance, MoveInstance, SetParameters, EditInstance, RemoveInstance, HoldInstance,
+                 ReleaseInstance, UndoEdit, RedoEdit):  # fmt: skip
+        given = {"name": "w", "template": "t", "pose_in_world": Pose(), "parameters": {}, "by": "somebody else"}
+        client.call(kind(**{field: given[field] for field in kind.__struct_fields__ if field in given}))
+        assert engine.asked[-1].by == "local", kind.__name__

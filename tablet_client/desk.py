@@ -13,8 +13,9 @@ from typing import Any
 
 from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
 
-from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, ListLibrary, MakePlan, Message
+from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
+from tablet_client.library_desk import LibraryDesk
 from tablet_client.models.arrivals import Inbox
 from tablet_client.models.command import commanders, if_lost
 from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_of
@@ -97,6 +98,7 @@ class Desk(QObject):
         self._hands = Rows(("name", "position", "low", "high", "poses", "holding", "state"), "name")
         self._run = RunDesk(situation, self._send)
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
+        self._library = LibraryDesk(situation, self._send, self._soon)
         self._signals = SignalsDesk(situation)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
@@ -104,7 +106,6 @@ class Desk(QObject):
         self._ghost_time = 0.0
         self._last_look = self._frame_since = time.monotonic()
         self._frame_out = False
-        self._library_asked = False
         self._look = QTimer(self, singleShot=True, interval=frame)
         self._look.timeout.connect(self.look)
         self._arrived.connect(self._soon, Qt.ConnectionType.QueuedConnection)
@@ -134,6 +135,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def signals(self) -> SignalsDesk:
         return self._signals
+
+    @Property(QObject, constant=True)
+    def library(self) -> LibraryDesk:
+        return self._library
 
     @Property(QObject, constant=True)
     def run(self) -> RunDesk:
@@ -248,9 +253,8 @@ class Desk(QObject):
             for call in self.situation.task.tree.want(now):
                 self._session.send(call)
             busy = self._bench.send(now)
-            if not self._library_asked:
-                self._library_asked = True
-                self._session.send(ListLibrary())
+            for call in self._library.want():
+                self._session.send(call)
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
@@ -264,6 +268,7 @@ class Desk(QObject):
         self._announce("_header", self._build_header(), self.headerChanged)
         self._run.build()
         self._bench.build()
+        self._library.build()
         self._signals.build()
         self._hands.show(self._build_hands())
         self._announce("_prompt", self._build_prompt(), self.promptChanged)

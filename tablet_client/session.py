@@ -23,8 +23,11 @@ from typing import Any, Protocol, TypeVar
 from handrail.client import Live
 from handrail.messages import (
     ActionEvent,
+    CheckTask,
+    CodeChanged,
     DaemonStatus,
     DeviceStates,
+    EngineInfo,
     EngineSnapshot,
     GetEngine,
     GetInstances,
@@ -64,9 +67,11 @@ EVENTS = (
     PointCloud,
     Reach,
     DeviceStates,
+    EngineInfo,
+    CodeChanged,
 )
 
-_LONG = (MakePlan,)
+_LONG = (MakePlan, CheckTask)
 _HEARTBEAT = 1.0  # s
 _RETRY = 1.0  # s
 _TIMEOUT = 3.0  # s, of the keeper's calls

@@ -2,24 +2,54 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from pathlib import Path
 
 from engines.programs import library
+from engines.programs.program import read
 from engines.programs.scxml import SUFFIX
 from engines.releases.closure import bundle_of
 from engines.releases.store import ReleaseStore
 from handrail import messages as m
 from handrail.bundles import pieces
+from handrail.config import ConfigError
 from handrail.topics import refuse
 
 
 def source(call: m.GetProgram) -> m.ProgramSource:
-    """The file as it is in force. Refused where there is none of that name."""
+    """The file as it is in force, with what it wants to be bound to. Refused where there is none of that name."""
     file = library.files().get(call.program)
     if file is None:
         raise refuse("no such program", "program", call.program, f"one of: {', '.join(sorted(library.files()))}")
-    return m.ProgramSource(program=call.program, file=file.name, text=file.read_text(encoding="utf-8"))
+    text = file.read_text(encoding="utf-8")
+    try:
+        program = read(file)
+    except ConfigError:
+        return m.ProgramSource(
+            program=call.program, file=file.name, text=text
+        )  # ListLibrary says what is wrong with it
+    return m.ProgramSource(
+        program=call.program,
+        file=file.name,
+        text=text,
+        resources=[
+            m.ProgramResource(name=name, kind=each.kind, template=each.template, title=each.title)
+            for name, each in program.resources.items()
+        ],
+        parameters=[
+            m.ProgramParameter(
+                name=name,
+                type=each.type,
+                default=each.default,
+                unit=each.unit,
+                min=each.min if math.isfinite(each.min) else None,
+                max=each.max if math.isfinite(each.max) else None,
+                title=each.title,
+            )
+            for name, each in program.parameters.items()
+        ],
+    )
 
 
 def save(call: m.SaveProgram, releases: ReleaseStore) -> m.BundleState:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -77,6 +77,29 @@ class GetProgram(Message):
     engine: str = ""
 
 
+class ProgramResource(msgspec.Struct, kw_only=True):
+    """What a program names abstractly, and `Deploy` binds."""
+
+    name: str
+    kind: Literal["arm", "instance"]
+    template: str = ""
+    """instance: which template it must be of; empty: any"""
+    title: str = ""
+
+
+class ProgramParameter(msgspec.Struct, kw_only=True):
+    """What `Deploy` may give a program."""
+
+    name: str
+    type: Literal["number", "integer", "text", "bool"]
+    default: float | int | bool | str | None
+    unit: str = ""
+    min: float | None = None
+    """None: it may be as low as one likes"""
+    max: float | None = None
+    title: str = ""
+
+
 class ProgramSource(Message):
     """Answer to GetProgram."""
 
@@ -84,6 +107,9 @@ class ProgramSource(Message):
     file: str
     """the file's name: it ends in .yaml or .scxml"""
     text: str
+    resources: list[ProgramResource] = []
+    """in the file's order; none where the file is unsound"""
+    parameters: list[ProgramParameter] = []
 
 
 @travels(priority=1, remote=True)

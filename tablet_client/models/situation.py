@@ -11,8 +11,10 @@ from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
 from tablet_client.models.clouds import Clouds
+from tablet_client.models.deployments import Deployments
 from tablet_client.models.hands import Hands
 from tablet_client.models.journal import Journal, Level
+from tablet_client.models.launch import Launch
 from tablet_client.models.link import Link
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
@@ -37,7 +39,9 @@ class Situation:
         self.world = World()
         self.bench = Bench(self.world)
         self.library: list[messages.LibraryEntry] = []
-        """the robot's programs and templates"""
+        """the first engine's programs and templates: instances are placed from these"""
+        self.launch = Launch()
+        self.deployments = Deployments()
         self.clouds = Clouds()
         self.signals = Signals()
         self.hands = Hands()
@@ -145,6 +149,8 @@ class Situation:
         self.task.take(snapshot.run)
         self.prompts.replace(snapshot.prompts)
         self._attend()
+        self.launch.anew()
+        self.deployments.anew()
         self._link_news(item)
 
     def _call_done(self, item: arrivals.CallDone) -> None:
@@ -159,8 +165,10 @@ class Situation:
             self.world.take(item.answer)
         elif isinstance(item.answer, messages.Reach):
             self.bench.take(item.answer)
-        elif isinstance(item.answer, messages.Library):
+        elif isinstance(item.answer, messages.Library) and not item.call.engine:  # type: ignore[attr-defined]
             self.library = item.answer.entries
+        self.launch.take(item.call, item.answer)
+        self.deployments.take(item.call, item.answer)
         self.bench.edits.answered(item.call)
 
     def _call_failed(self, item: arrivals.CallFailed) -> None:
@@ -169,6 +177,8 @@ class Situation:
         if isinstance(item.call, AnswerPrompt):
             self.prompts.failed(item.call, item.why)
         self.task.tree.failed(item.call, item.refused)
+        self.launch.failed(item.call, item.why)
+        self.deployments.failed(item.call, item.why)
         self.bench.edits.refused(item.call)
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
@@ -248,6 +258,15 @@ class Situation:
     def _reach(self, reach: messages.Reach) -> None:
         self.bench.take(reach)
 
+    def _engine_info(self, info: messages.EngineInfo) -> None:
+        self.deployments.info(info)
+
+    def _code_changed(self, changed: messages.CodeChanged) -> None:
+        self.deployments.changed(changed)
+        if changed.engine == (self.launch.engine or next(iter(self.deployments.engines), changed.engine)):
+            self.launch.anew()
+        self.note("info", "code_changed", changed.engine, changed.release.program, changed.release.by)
+
     def _log(self, line: messages.LogLine) -> None:
         self.note(line.level, "log", line.text, line.source)
 
@@ -276,4 +295,6 @@ _HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
     messages.LogLine: Situation._log,
     messages.Reach: Situation._reach,
     messages.DeviceStates: Situation._devices,
+    messages.EngineInfo: Situation._engine_info,
+    messages.CodeChanged: Situation._code_changed,
 }

@@ -65,6 +65,7 @@ Window {
                     onSelectedChanged: if (selected && !desk.prompt.open) page = "objects"
                     pages: [
                         { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
+                        { name: "library", title: qsTr("Library"), mark: "" },
                         { name: "objects", title: qsTr("Objects"), mark: "" },
                         { name: "signals", title: qsTr("Signals"), mark: "" },
                         { name: "robot", title: qsTr("Robot"), mark: "" },
@@ -72,6 +73,7 @@ Window {
                     ]
                 }
                 TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
+                LibraryPanel { visible: tabs.page === "library"; Layout.fillWidth: true; Layout.fillHeight: true; onStarted: tabs.page = "task" }
                 ObjectsPanel { visible: tabs.page === "objects"; Layout.fillWidth: true; Layout.fillHeight: true }
                 SignalsPanel { visible: tabs.page === "signals"; Layout.fillWidth: true; Layout.fillHeight: true }
                 RobotPanel { visible: tabs.page === "robot"; Layout.fillWidth: true; Layout.fillHeight: true }

@@ -2,13 +2,14 @@ import QtQuick
 import QtQuick.Controls.Basic
 import Handrail
 
-// Pages beside the scene, one at a time. A dot says that a page has something that should be looked at.
-Row {
+// Pages beside the scene, one at a time; in two rows where they are many. A dot says that a page should be looked at.
+Grid {
     id: tabs
 
     property var pages: [] // {name, title, mark: a colour, or nothing}
     property string page: pages.length ? pages[0].name : ""
 
+    columns: pages.length > 6 ? Math.ceil(pages.length / 2) : pages.length
     spacing: Math.round(4 * Theme.scale)
     Accessible.role: Accessible.PageTabList
     Accessible.name: qsTr("Pages")
@@ -20,7 +21,7 @@ Row {
             required property var modelData
             readonly property bool current: tabs.page === modelData.name
             objectName: "tab_" + modelData.name
-            width: (tabs.width - (tabs.pages.length - 1) * tabs.spacing) / tabs.pages.length
+            width: (tabs.width - (tabs.columns - 1) * tabs.spacing) / tabs.columns
             height: Theme.touch
             focusPolicy: Qt.StrongFocus
             text: modelData.title
@@ -38,9 +39,13 @@ Row {
             contentItem: Item {
                 Text {
                     anchors.centerIn: parent
+                    width: parent.width
+                    horizontalAlignment: Text.AlignHCenter
+                    fontSizeMode: Text.HorizontalFit
+                    minimumPixelSize: 9
                     text: tab.text
                     color: tab.current ? Theme.text : Theme.muted
-                    font.pixelSize: tabs.pages.length > 4 ? Theme.small : Theme.body
+                    font.pixelSize: tabs.columns > 4 ? Theme.small : Theme.body
                     font.weight: tab.current ? Font.DemiBold : Font.Medium
                 }
                 Rectangle {

@@ -65,6 +65,11 @@ QtObject {
             nothing_done: qsTr("nothing to undo"),
             nothing_undone: qsTr("nothing undone"),
             no_trajectory: qsTr("has no trajectory"),
+            no_program_chosen: qsTr("choose a program"),
+            loading: qsTr("is being fetched"),
+            unbound: qsTr("say what with"),
+            nothing_fits: qsTr("place what it needs first"),
+            bad_parameter: qsTr("a parameter is out of bounds"),
             sending: qsTr("sending …"),
         })[code] ?? (code.startsWith("stale_") ? qsTr("plan is stale") : code)
     }
@@ -118,6 +123,13 @@ QtObject {
             stopped: qsTr("Next: run it again, or tap a state to run from there."),
             paused: qsTr("Next: Resume goes on where it stopped; Step goes on to the next thing it does."),
             paused_before: qsTr("Next: Resume lets it go on; Step does only what comes next; Skip leaves it out."),
+        })[code] ?? code
+    }
+
+    // Whether what an engine has or runs is what another has, or what its library has in force.
+    function match(code) {
+        return ({
+            same: qsTr("as on the other engines"), differs: qsTr("not as on the other engines"), only: "",
         })[code] ?? code
     }
 
@@ -229,6 +241,8 @@ QtObject {
         case "run_succeeded": return qsTr("%1 succeeded").arg(Words.name(x))
         case "run_failed": return y ? qsTr("%1 failed: %2").arg(Words.name(x)).arg(y) : qsTr("%1 failed").arg(Words.name(x))
         case "run_stopped": return y ? qsTr("%1 stopped: %2").arg(Words.name(x)).arg(y) : qsTr("%1 stopped").arg(Words.name(x))
+        case "code_changed": return y ? qsTr("%1 has other code: %2 by %3").arg(x).arg(Words.name(y)).arg(a[2] || "?")
+                                      : qsTr("%1 has other code").arg(x)
         case "state": return Words.name(x)
         case "prompt": return qsTr("Question: %1").arg(x)
         case "answered": return qsTr("Answered %1 by %2").arg(Words.option(x)).arg(y || "?")

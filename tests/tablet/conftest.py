@@ -22,15 +22,23 @@ from handrail.client import Live
 from handrail.messages import (
     AnswerPrompt,
     ClearStop,
+    CodeChanged,
     DaemonStatus,
+    Deploy,
+    Deployment,
     DriveStatus,
     Enable,
+    EngineInfo,
+    Engines,
     EngineSnapshot,
     GetEngine,
+    GetEngines,
     GetInstances,
     GetOutline,
     GetPlan,
+    GetProgram,
     GetReach,
+    GetReleases,
     GetRobot,
     GetRunHistory,
     GetStatus,
@@ -47,12 +55,20 @@ from handrail.messages import (
     PlanSegment,
     PointCloud,
     Pose,
+    ProgramParameter,
+    ProgramResource,
+    ProgramSource,
     Prompt,
     PromptClosed,
     Reach,
     Refused,
+    Release,
+    Releases,
     RobotInfo,
     RobotState,
+    RollBack,
+    RolledBack,
+    Run,
     RunHistory,
     RunState,
     SetParameters,
@@ -85,6 +101,10 @@ class FakeRobot:
         self.run: RunState | None = None
         self.prompts: list[Prompt] = []
         self.visits: list[StateVisit] = []
+        self.releases = [
+            Release(number=1, program="press", bundle="1" * 32, by="anna", at_ns=0),
+            Release(number=2, program="press", bundle="2" * 32, by="ben", at_ns=1, changed=["press.yaml"]),
+        ]
         self._streams: list[queue.SimpleQueue[Any]] = []
         self.time_ns = 12_000_000_000
 
@@ -210,6 +230,32 @@ class FakeRobot:
             instance=call.instance, version=1, trajectory=call.trajectory, arm=call.arm, waypoints=told, settled=True
         )
 
+    def source(self) -> ProgramSource:
+        """Of turn_valve: two resources, and a parameter of each type."""
+        return ProgramSource(
+            program="turn_valve",
+            file="turn_valve.yaml",
+            text="# Turn a wheel\n# by strokes.\ntitle: Turn a valve\n# not this\n",
+            resources=[
+                ProgramResource(name="arm", kind="arm", title="the arm that turns"),
+                ProgramResource(name="valve", kind="instance", template="wheel"),
+            ],
+            parameters=[
+                ProgramParameter(name="goal_deg", type="number", default=285, unit="deg", min=5, max=3600),
+                ProgramParameter(name="strokes", type="integer", default=10, min=1),
+                ProgramParameter(name="trajectory", type="text", default="turn"),
+                ProgramParameter(name="gently", type="bool", default=False),
+            ],
+        )
+
+    def back(self, call: RollBack) -> RolledBack:
+        """Go back to an earlier release, as a new one."""
+        old = next(each for each in self.releases if each.number == call.number)
+        new = msgspec.structs.replace(old, number=len(self.releases) + 1, note=f"rolled back to {old.number}")
+        self.releases.append(new)
+        self.publish(CodeChanged(engine=call.engine, release=new))
+        return RolledBack(release=new)
+
     def outline(self) -> Outline:
         """The states of what it runs, as turn_valve has them."""
         states = [
@@ -272,7 +318,21 @@ class FakeRobot:
             GetPlan: lambda: self.answers_plan,
             MoveInstance: lambda: self.edited(call.name, pose_in_world=call.pose_in_world),
             SetParameters: lambda: self.edited(call.name, parameters=call.parameters),
-            ListLibrary: lambda: Library(entries=[LibraryEntry(name="wheel", kind="template")]),
+            ListLibrary: lambda: Library(
+                entries=[
+                    LibraryEntry(name="wheel", kind="template"),
+                    LibraryEntry(name="turn_valve", kind="program", title="Turn a valve", hash="3f9a1c77d20b"),
+                    LibraryEntry(name="broken", kind="program", problem="broken.yaml:3: states: got 4"),
+                ]
+            ),
+            GetProgram: self.source,
+            Deploy: lambda: Deployment(id="deployment-9", program=call.program, hash="3f9a1c77d20b"),
+            Run: lambda: self.running(deployment=call.deployment),
+            GetEngines: lambda: Engines(engines=[EngineInfo(name="engine", program="turn_valve", status="running")]),
+            GetReleases: lambda: Releases(
+                engine=call.engine, releases=self.releases, programs={"press": self.releases[-1].bundle}
+            ),
+            RollBack: lambda: self.back(call),
             GetReach: lambda: self.reach(call),
             GetOutline: self.outline,
             GetRunHistory: lambda: RunHistory(run=self.run.run if self.run else "", visits=self.visits),

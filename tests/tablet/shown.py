@@ -138,3 +138,29 @@ class Shown:
 
 def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
     return sum((a - b) ** 2 for a, b in zip(one, other, strict=True)) ** 0.5
+
+
+def judge(asking: Shown, size: tuple[int, int]) -> None:
+    """Every control that is shown is at least 44 px large, has a name, and is not cut off."""
+    from PySide6.QtQml import QQmlProperty, qmlContext
+
+    controls = [
+        item
+        for item in asking.all_items()
+        if any(item.inherits(f"QQuick{kind}") for kind in ("AbstractButton", "Slider", "TextField"))
+    ]
+    assert len(controls) >= 10
+    for control in controls:
+        name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
+        assert name, f"{control.objectName()} has no accessible name"
+        assert min(control.width(), control.height()) >= 44, control.objectName()
+        whole = control if (scrolled := scrolled_by(control)) is None else scrolled
+        corner = whole.mapToScene(whole.boundingRect().bottomRight())
+        assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
+
+
+def scrolled_by(item: Any) -> Any:
+    """The list that an item can be scrolled into sight in, or None."""
+    while item is not None and not item.inherits("QQuickFlickable"):
+        item = item.parentItem()
+    return item

@@ -31,7 +31,7 @@ from handrail.messages import (
     StopRun,
     TakeTransition,
 )
-from tests.tablet.shown import Shown, distance
+from tests.tablet.shown import Shown, distance, judge
 
 pytestmark = pytest.mark.window
 
@@ -39,6 +39,7 @@ pytestmark = pytest.mark.window
 REASONS = [
     *("no_robot", "no_engine", "no_program", "stopped", "not_stopped", "already_enabled", "not_enabled", "sending"),
     *("is_asked", "program_runs", "nothing_selected", "nothing_done", "nothing_undone", "no_trajectory"),
+    *("no_program_chosen", "loading", "unbound", "nothing_fits", "bad_parameter"),
     *("already_paused", "not_paused", "not_running", "run_over", "run_under_way", "no_state", "plan_missing", "stale"),
     *(f"stale_{cause}" for cause in get_args(StaleCause)),
 ]
@@ -46,7 +47,7 @@ JOURNAL = [
     *("attached", "detached", "engine_attached", "engine_detached", "refused", "unanswered", "log", "action_ended"),
     *("drives_enabled", "drives_disabled", "drives_stopped", "drives_fault", "drives_quick_stop"),
     *("stop_sending", "stop_answered", "stop_failed", "prompt", "answered", "withdrawn", "plan_stale"),
-    "cloud_unreadable",
+    *("cloud_unreadable", "code_changed"),
     *("run_ready", "run_running", "run_paused", "run_succeeded", "run_failed", "run_stopped"),
 ]
 
@@ -59,32 +60,6 @@ def asking(robot: Any, show: Callable[..., Shown]) -> Shown:
     shown = show()
     shown.until(lambda: shown.item("promptCard").isVisible())
     return shown
-
-
-def judge(asking: Shown, size: tuple[int, int]) -> None:
-    """Every control that is shown is at least 44 px large, has a name, and is not cut off."""
-    from PySide6.QtQml import QQmlProperty, qmlContext
-
-    controls = [
-        item
-        for item in asking.all_items()
-        if any(item.inherits(f"QQuick{kind}") for kind in ("AbstractButton", "Slider", "TextField"))
-    ]
-    assert len(controls) >= 10
-    for control in controls:
-        name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
-        assert name, f"{control.objectName()} has no accessible name"
-        assert min(control.width(), control.height()) >= 44, control.objectName()
-        whole = control if (scrolled := scrolled_by(control)) is None else scrolled
-        corner = whole.mapToScene(whole.boundingRect().bottomRight())
-        assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
-
-
-def scrolled_by(item: Any) -> Any:
-    """The list that an item can be scrolled into sight in, or None."""
-    while item is not None and not item.inherits("QQuickFlickable"):
-        item = item.parentItem()
-    return item
 
 
 # --------------------------------------------------------------------------------------------------------------- answers
@@ -534,7 +509,7 @@ def test_a_decision_with_all_its_figures_and_a_long_reason_leaves_every_control_
         asking.until(lambda control=control: control.mapToScene(control.boundingRect().bottomRight()).y() <= 640)
 
 
-@pytest.mark.parametrize("page", ["task", "objects", "robot", "journal"])
+@pytest.mark.parametrize("page", ["task", "library", "objects", "robot", "journal"])
 def test_every_control_of_every_page_is_large_enough_for_a_finger_and_has_a_name(asking, page):
     asking.drawn().desk.bench.select("wheel_1")
     asking.until(lambda: asking.item("contextBar").isVisible())

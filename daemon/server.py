@@ -23,7 +23,7 @@ from daemon.exchange.doorbell import Bell, Doorbell, loop_doorbell, server_doorb
 from daemon.exchange.mailbox import MailboxFull, MailboxWriter
 from daemon.exchange.ring import StateRingReader
 from daemon.safety.report import safety_report
-from daemon.serving.authority import check_speed, owner_of
+from daemon.serving.authority import check_speed, check_steering, owner_of
 from daemon.serving.challenges import Challenges
 from daemon.serving.controller_desk import ControllerDesk
 from daemon.serving.device_reports import other_columns
@@ -74,6 +74,7 @@ _STATUS_PERIOD_S = 0.2
 _WATCH_PERIOD_S = 0.1
 _RECONNECT_S = 0.3
 _ABOUT_CONTROLLERS = (exchange.Answer.CONTROLLER_STATE, exchange.Answer.CHAIN_BROKEN, exchange.Answer.NOT_ACTIVATED)
+_Steering = m.CancelAction | m.PauseAction | m.ResumeAction | m.StreamPose | m.StreamJoints
 _NO_LOOP = "the daemon's loop is not running; its supervisor starts it anew, and nothing moves before Enable"
 
 
@@ -147,9 +148,9 @@ class Server:
             m.ReleaseTime: self._release_time,
             m.StartAction: self._start,
             m.StartBehaviour: self._start,
-            m.CancelAction: lambda call: self._steer(Kind.CANCEL, call.id),
-            m.PauseAction: lambda call: self._steer(Kind.PAUSE, call.id),
-            m.ResumeAction: lambda call: self._steer(Kind.RESUME, call.id),
+            m.CancelAction: lambda call: self._ask(Kind.CANCEL, action=self._theirs(call).serial),
+            m.PauseAction: lambda call: self._ask(Kind.PAUSE, action=self._theirs(call).serial),
+            m.ResumeAction: lambda call: self._ask(Kind.RESUME, action=self._theirs(call).serial),
             m.SetSpeed: self._set_speed,
             m.StreamPose: self._stream,
             m.StreamJoints: self._stream_joints,
@@ -341,7 +342,7 @@ class Server:
         snapshot = self._reporter.snapshot
         if snapshot is None or not self._reporter.alive:
             raise refuse(_NO_LOOP)
-        if self._journal.serial(call.id) is not None:
+        if self._journal.named(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
         moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
         joints = list(joints_of(moving, self._description))
@@ -480,18 +481,16 @@ class Server:
 
     def _stream(self, call: m.StreamPose) -> None:
         check_stream(call)
-        serial = self._running(call.id)
+        serial = self._theirs(call).serial
         self._require_accepted(self._post(*exchange.encode_stream(call, self._count(), serial)))
 
     def _stream_joints(self, call: m.StreamJoints) -> None:
-        serial = self._running(call.id)
-        started = self._journal.find(serial)
-        assert started is not None
+        started = self._theirs(call)
         check_joints(call, started.joints, self._description)
         self._owners.check_in(started.owner)
         try:
             # Nobody waits for the loop's word: the next sample is on its way.
-            self._mailbox.post(*exchange.encode_joints(call, self._count(), serial))
+            self._mailbox.post(*exchange.encode_joints(call, self._count(), started.serial))
         except MailboxFull as error:
             raise refuse(str(error)) from error
         if not self._loop_bell.ring():
@@ -529,26 +528,29 @@ class Server:
             print(f"{kind.name.lower()} was not delivered: {error}", file=sys.stderr, flush=True)
         self._loop_bell.ring()
 
-    def _steer(self, kind: Kind, action: str) -> None:
-        self._ask(kind, action=self._running(action))
-
     def _set_speed(self, call: m.SetSpeed) -> None:
         self._publish_news()
-        serial = self._running(call.id) if call.id else 0
-        snapshot, started = self._reporter.snapshot, self._journal.find(serial) if serial else None
+        started = self._running(call.id) if call.id else None
+        serial, snapshot = started.serial if started else 0, self._reporter.snapshot
         if snapshot is None:
             raise refuse(_NO_LOOP)
         shares = [slot["speed"] for slot in snapshot["actions"] if serial and slot["serial"] == serial]
         check_speed(call, float((shares or [snapshot["speed"]])[0]), started.owner if started else "")
         self._ask(Kind.SET_SPEED, action=serial, value=call.share)
 
-    def _running(self, action: str) -> int:
-        """Serial of a running action. Raises RefusedError."""
+    def _running(self, action: str) -> Started:
+        """A running action. Raises RefusedError."""
         self._publish_news()
-        serial = self._journal.serial(action)
-        if serial is None:
+        started = self._journal.named(action)
+        if started is None:
             raise refuse("no such action is running", "id", action, "the id of a running action")
-        return serial
+        return started
+
+    def _theirs(self, call: _Steering) -> Started:
+        """The running action that a call is about, which is the caller's. Raises RefusedError."""
+        started = self._running(call.id)
+        check_steering(call.by, call.id, started.owner)
+        return started
 
     def _hold_time(self, call: m.HoldTime) -> None:
         if not np.isfinite(call.limit_s):

@@ -24,6 +24,12 @@ def owner_of(owner: str, by: str) -> str:
     raise refuse(f"the link knows you as {by}", "owner", owner, f"{by}, or {by}/ and more")
 
 
+def check_steering(by: str, action: str, owner: str) -> None:
+    """Raise RefusedError where who ends, pauses or steers an action of `owner` has the key of somebody else."""
+    if not speaks_for(by, owner):
+        raise refuse(f"the action is {owner}'s, and the link knows you as {by}", "id", action, f"an action of {by}")
+
+
 def check_speed(call: m.SetSpeed, present: float, owner: str) -> None:
     """Raise RefusedError unless the speed may be set: by people, by whose action it is, and slower by everybody.
 

@@ -54,9 +54,9 @@ class Journal:
         """The action that the loop knows by `serial`."""
         return self._started.get(serial)
 
-    def serial(self, action: str) -> int | None:
-        """The serial of a running action by its id."""
-        return next((started.serial for started in self._started.values() if started.id == action), None)
+    def named(self, action: str) -> Started | None:
+        """The running action of this id."""
+        return next((started for started in self._started.values() if started.id == action), None)
 
     def running(self) -> list[Started]:
         """All of them, in the order in which they began."""

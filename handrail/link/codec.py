@@ -151,6 +151,7 @@ SIGNED = (
     RedoEdit,
     HoldInstance,
     ReleaseInstance,
+    *(StreamPose, StreamJoints, CancelAction, PauseAction, ResumeAction),
 )
 """calls on which the gate writes whose key they came with (`by`), and what that may do (`role`)"""
 RAW = (PutBundle, EngineSays)

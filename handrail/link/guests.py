@@ -60,11 +60,8 @@ class _Guest:
         self._callers: dict[int, bytes] = {}
         self._waiting: list[CallForEngine] = []
         self._something = asyncio.Event()
-        self._pieces = bytearray()
-        self.saying = asyncio.Lock()
-        """what is said stays in order, whatever it waits for"""
         self.heard_s = asyncio.get_running_loop().time()
-        self._listened = asyncio.Event()
+        self._closed, self._listened = False, asyncio.Event()
         """the gate hears its events: what came back with the line must not leave before"""
         self._work = [asyncio.create_task(self._take()), asyncio.create_task(self._take_subscriptions())]
 
@@ -94,31 +91,21 @@ class _Guest:
         self._something.clear()
         return calls
 
-    async def say(self, said: Said) -> None:
-        """Pass on an answer or an event; what is none is logged."""
-        if not said.piece:
-            self._pieces.clear()  # the line may have been cut between two
-        if len(self._pieces) <= codec.LARGEST_ANSWER:  # the piece that goes beyond it tells that it was too long
-            self._pieces += said.payload
-        if said.more:
-            return
-        payload = bytes(self._pieces)
-        self._pieces.clear()
-        if too_long := len(payload) > codec.LARGEST_ANSWER:
-            problem = f"the engine {self.name} said more than the link carries at once: {codec.LARGEST_ANSWER} bytes"
-            _log.warning(problem)
-            payload = _encoder.encode(Refused(message=problem))
-        if said.number:
-            if (identity := self._callers.pop(said.number, None)) is not None:
-                await self._service.send_multipart((identity, payload))
-        elif too_long:
-            return
-        elif problem := self._no_event(said.event, payload):
+    async def answered(self, number: int, payload: bytes) -> None:
+        """Pass on what it answers to a call; nobody asked: it is nobody's."""
+        if (identity := self._callers.pop(number, None)) is not None and not self._closed:
+            await self._service.send_multipart((identity, payload))
+
+    async def tell(self, event: str, payload: bytes) -> None:
+        """Pass on an event; what is none is logged. Raises RefusedError where nobody hears it yet, or any more."""
+        if problem := self._no_event(event, payload):
             _log.warning("the engine %s told what is not passed on: %s", self.name, problem)
-        else:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._listened.wait(), _SILENT_S)
-            await self._topic.send_multipart((said.event.encode(), payload))
+            return
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._listened.wait(), _SILENT_S)
+        if self._closed or not self._listened.is_set():
+            raise refuse(f"nobody hears the engine {self.name} now: it has to say so again")
+        await self._topic.send_multipart((event.encode(), payload))
 
     def _no_event(self, name: str, payload: bytes) -> str:
         """Why it is no event that this engine may tell."""
@@ -135,6 +122,8 @@ class _Guest:
 
     def close(self) -> None:
         """It has gone."""
+        self._closed = True
+        self._listened.set()  # for who waits to tell something
         for task in self._work:
             task.cancel()
         self._service.close(0)
@@ -143,14 +132,55 @@ class _Guest:
         self._held.close()
 
 
+class _Saying:
+    """How far what an engine's process says has come. It outlasts the engine's place, so that nothing is lost or said twice where
+    the place is given up in the middle of a batch.
+    """
+
+    def __init__(self, process: str):
+        self.process = process
+        self.lock = asyncio.Lock()
+        """what is said stays in order, whatever it waits for"""
+        self._batch, self._passed_on = 0, 0
+        """the newest batch, and how much of it was passed on"""
+        self._pieces = bytearray()
+
+    async def take(self, call: EngineSays, guest: _Guest) -> None:
+        """Pass on what has not been, in order. Raises RefusedError: what is left has to be said again."""
+        if call.batch > self._batch:
+            self._batch, self._passed_on = call.batch, 0
+        elif call.batch < self._batch:
+            return
+        for said in call.said[self._passed_on :]:
+            await self._take(said, guest)
+            self._passed_on += 1
+
+    async def _take(self, said: Said, guest: _Guest) -> None:
+        if not said.piece:
+            self._pieces.clear()  # the line may have been cut between two
+        if said.more:
+            if len(self._pieces) <= codec.LARGEST_ANSWER:  # the piece that goes beyond it tells that it was too long
+                self._pieces += said.payload
+            return
+        whole = bytes(self._pieces) + said.payload
+        if too_long := len(whole) > codec.LARGEST_ANSWER:
+            problem = f"the engine {guest.name} said more than the link carries at once: {codec.LARGEST_ANSWER} bytes"
+            _log.warning(problem)
+            whole = _encoder.encode(Refused(message=problem))
+        if said.number:
+            await guest.answered(said.number, whole)
+        elif not too_long:
+            await guest.tell(said.event, whole)
+        self._pieces.clear()
+
+
 class Guests:
     """All that are there. Used by the gate's loop alone."""
 
     def __init__(self, runtime: Runtime, context: zmq.asyncio.Context):
         self._runtime, self._context = runtime, context
         self._guests: dict[str, _Guest] = {}
-        self._brought: dict[str, tuple[str, int]] = {}
-        """engine → its process, and the last batch that it brought"""
+        self._saying: dict[str, _Saying] = {}
 
     async def answer(self, call: FetchCalls | EngineSays, name: str) -> Message | None:
         """Of the engine whose key has this name. Raises RefusedError; None: it was carried out."""
@@ -162,13 +192,12 @@ class Guests:
         if isinstance(call, EngineSays):
             if guest is None:
                 raise refuse(f"the engine {name} is not there: it has to fetch its calls first")
-            async with guest.saying:
-                process, last = self._brought.get(name, ("", 0))
-                if process == call.process and call.batch <= last:
-                    return None
-                self._brought[name] = (call.process, call.batch)
-                for said in call.said:
-                    await guest.say(said)
+            saying = self._saying.get(name)
+            if saying is None or saying.process != call.process:
+                saying = self._saying[name] = _Saying(call.process)
+            guest.heard_s = asyncio.get_running_loop().time()
+            async with saying.lock:
+                await saying.take(call, guest)
             return None
         if guest is None:
             try:
@@ -199,7 +228,7 @@ class Guests:
 def check_owner(call: Message, name: str) -> None:
     """Raise RefusedError where an engine whose key has this name commands as somebody else.
 
-    Calls that go on with an action by its id (CancelAction, StreamPose, ...) name no owner: any engine's key may make them.
+    Whose action a call is about that names it by its id (CancelAction, StreamPose, ...) the daemon knows (`codec.SIGNED`).
     """
     owner = getattr(call, "owner", name)
     if owner != name:

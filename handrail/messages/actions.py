@@ -129,6 +129,8 @@ class StreamPose(Message):
     """x y z w"""
     velocity: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """m/s, rad/s: linear, angular"""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine. Another's action is left alone"""
 
 
 @travels(priority=1, remote=False)
@@ -151,6 +153,8 @@ class StreamJoints(Message):
     """rad/s; empty: 0"""
     expires_ns: int = 0
     """robot clock; 0: never"""
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine. Another's action is left alone"""
 
 
 @travels(priority=1)
@@ -158,6 +162,8 @@ class CancelAction(Message):
     """End an action: slow down along its path, then hold."""
 
     id: Name
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine. Another's action is left alone"""
 
 
 @travels(priority=1)
@@ -165,6 +171,8 @@ class PauseAction(Message):
     """Stop moving along the path, jerk-limited, and hold there."""
 
     id: Name
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine. Another's action is left alone"""
 
 
 @travels(priority=1)
@@ -172,6 +180,8 @@ class ResumeAction(Message):
     """Go on along the path."""
 
     id: Name
+    by: Annotated[str, Meta(max_length=128)] = ""
+    """whose key it came with, as the link's gate says it; empty: from the robot's own machine. Another's action is left alone"""
 
 
 @travels(priority=1, remote=True)

@@ -105,3 +105,22 @@ def test_people_set_any_speed_and_other_keys_slow_down_or_set_that_of_an_action_
     ):
         rig.call(allowed)
     assert [command.value for command in loop.commands if command.kind is Kind.SET_SPEED] == [0.4, 1.0, 1.0, 1.0]
+
+
+def test_an_action_is_ended_paused_and_steered_by_its_owners_key_alone_and_a_refusal_says_whose_it_is(rig: Rig) -> None:
+    loop = rig.start_loop()
+    rig.call(m.StartAction(id="a", owner="far/arm", motion=rig.trajectory()))
+    for call in (
+        m.CancelAction(id="a", by="farther"),
+        m.PauseAction(id="a", by="farther"),
+        m.ResumeAction(id="a", by="farther"),
+        m.StreamPose(id="a", task="t", by="farther"),
+        m.StreamJoints(id="a", sequence=1, positions=[], by="farther"),
+    ):
+        refused = rig.refusal(call)
+        assert (refused.field, refused.value, refused.expected) == ("id", "a", "an action of farther")
+        assert "far/arm's" in refused.message
+    assert [command.kind for command in loop.commands] == [Kind.START]
+    for call in (m.PauseAction(id="a", by="far"), m.ResumeAction(id="a", by="far/arm"), m.CancelAction(id="a")):
+        rig.call(call)
+    assert [command.kind for command in loop.commands[1:]] == [Kind.PAUSE, Kind.RESUME, Kind.CANCEL]

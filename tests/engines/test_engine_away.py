@@ -26,6 +26,7 @@ from handrail.bundles import manifest
 from handrail.client import connect
 from handrail.engines import FIRST
 from handrail.link import codec, keys
+from handrail.link import guests as guests_module
 from handrail.link.guests import Guests
 from handrail.link.session import Session
 from handrail.robot import library as robots
@@ -202,7 +203,7 @@ def refused(call) -> m.Refused:
 
 
 def test_its_key_commands_under_its_own_name_alone_and_nobody_elses_key_is_an_engines(
-    stack, client, robot_keys, gate, port
+    stack, daemon, client, robot_keys, gate, port
 ):
     assert "allowed/engines/" in refused(lambda: client.call(m.FetchCalls())).message
     assert "not a call" in refused(lambda: client.call(m.CheckIn(owner="vision"))).message
@@ -211,6 +212,8 @@ def test_its_key_commands_under_its_own_name_alone_and_nobody_elses_key_is_an_en
         assert session.call(m.FetchCalls()).engine == "vision"
         session.call(m.CheckIn(owner="vision"))
         assert refused(lambda: session.call(m.CheckIn(owner="engine"))).expected == "vision"
+        refused(lambda: session.call(m.CancelAction(id="a", by="engine")))
+        assert daemon.calls[-1].by == "vision"
         assert refused(lambda: session.call(m.RollBack())).expected == "developer"
         assert session.call(m.FetchCalls(process="one")).engine == "vision"
         assert "another process" in refused(lambda: session.call(m.FetchCalls(process="two"))).message
@@ -286,6 +289,50 @@ def test_an_answer_longer_than_the_link_carries_is_refused_instead_of_cut_off(ru
 
     (answer,) = asyncio.run(work())
     assert "more than the link carries" in msgspec.msgpack.decode(answer, type=m.Refused).message
+
+
+def test_what_it_told_as_it_was_let_go_is_told_once_it_is_back_and_nothing_twice(runtime, monkeypatch):
+    monkeypatch.setattr(guests_module, "_SILENT_S", 0.05)
+    monkeypatch.setattr(guests_module, "_WAIT_S", 0.01)
+    says = m.EngineSays(
+        process="p",
+        batch=1,
+        said=[
+            *(
+                m.Said(msgspec.msgpack.encode(m.LogLine(source="vision", level="info", text=text)), event="LogLine")
+                for text in "ab"
+            ),
+            m.Said(b"\x00" * 8, event="RobotState"),  # none that is passed on
+        ],
+    )
+
+    async def work() -> list[str]:
+        context = zmq.asyncio.Context()
+        guests = Guests(runtime, context)
+        await guests.answer(m.FetchCalls(process="p"), "vision")
+        watching = asyncio.create_task(guests.watch())
+        with pytest.raises(RefusedError, match="again"):  # it was let go, or nobody came to hear it
+            await guests.answer(says, "vision")
+        with pytest.raises(RefusedError, match="has to fetch its calls first"):
+            while True:
+                with contextlib.suppress(RefusedError) if guests._guests else contextlib.nullcontext():
+                    await guests.answer(says, "vision")
+        watching.cancel()
+        monkeypatch.setattr(guests_module, "_SILENT_S", 30.0)
+        hearer = context.socket(zmq.SUB)
+        for name in codec.REMOTE_EVENTS:
+            hearer.subscribe(name.encode())
+        hearer.connect(runtime.endpoint("vision.events"))
+        await guests.answer(m.FetchCalls(process="p"), "vision")
+        for _ in range(2):
+            await guests.answer(says, "vision")
+        heard = [msgspec.msgpack.decode((await hearer.recv_multipart())[1], type=m.LogLine).text for _ in "ab"]
+        heard += ["twice"] * await hearer.poll(0)
+        guests.close()
+        context.destroy(linger=0)
+        return heard
+
+    assert asyncio.run(work()) == ["a", "b"]
 
 
 verb = typer.Typer()

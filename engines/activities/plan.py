@@ -26,7 +26,7 @@ class PlanActivity(Activity):
 
     arguments = {
         "instance": Argument(Kind.INSTANCE, required=False),
-        "trajectory": Argument(Kind.NAME, required=False),
+        "trajectory": Argument(Kind.TEXT, required=False),
         "waypoint": Argument(Kind.TEXT, required=False, default=""),
         "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
         "leaving": Argument(Kind.TEXT, required=False, default=""),

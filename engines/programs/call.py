@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from engines.activities import ACTIVITIES
 from engines.activities.base import Argument, Kind
 from engines.programs.program import PROGRAM, Program, State
+from engines.programs.schema import Resource
 
 
 class Signature(Protocol):
@@ -56,11 +57,11 @@ def check_call(program: Program, state: State, called: Program) -> None:
         fitting = [
             mine
             for mine, resource in program.resources.items()
-            if resource.kind == wanted.kind and wanted.template in ("", resource.template)
+            if resource.kind == wanted.kind and _always(resource, wanted)
         ]
         bound = bind.get(name)
         if bound not in fitting:
-            kind = f"{wanted.kind} of template {wanted.template}" if wanted.template else wanted.kind
+            kind = f"{wanted.kind} of template {' or '.join(wanted.templates)}" if wanted.templates else wanted.kind
             there = f"one of: {', '.join(fitting)}" if fitting else f"a declaration of an {kind} under `resources`"
             what = (
                 f"missing; {called.name} needs it" if bound is None else f"got {bound!r}, no resource that is an {kind}"
@@ -80,6 +81,11 @@ def check_call(program: Program, state: State, called: Program) -> None:
             for field, has, wanted_ in (("type", mine.type, wants.type), ("unit", mine.unit, wants.unit)):
                 if has != wanted_:
                     raise error(where, f"got {value!r}, whose {field} is {has!r}; expected {wanted_!r}")
+
+
+def _always(mine: Resource, wanted: Resource) -> bool:
+    """Whether all that one resource may be bound to is of a template that another one may be of."""
+    return not wanted.templates or (bool(mine.templates) and set(mine.templates) <= set(wanted.templates))
 
 
 def _constant(value: Any) -> Any:

@@ -22,7 +22,7 @@ from engines.programs import actions, nested
 from engines.programs.actions import Action
 from engines.programs.call import SIGNATURES, check_call
 from engines.programs.expressions import ProgramEvaluator
-from engines.programs.program import CONSTANTS, RETRIES, Program, State, Transition
+from engines.programs.program import CONSTANTS, RETRIES, TEMPLATE, Program, State, Transition
 from engines.programs.text import fields
 from handrail import compound_tasks
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, find, with_frames
@@ -64,6 +64,8 @@ def _check_names(program: Program) -> None:
                 raise program.document.error(field, f"{name!r} can't be used in expressions; expected another name")
             if name.startswith(RETRIES):
                 raise program.document.error(field, f"{name!r} is for the retries of a state; expected another name")
+            if name.startswith(TEMPLATE):
+                raise program.document.error(field, f"{name!r} is for an instance's template; expected another name")
             if name in seen:
                 raise program.document.error(field, f"{name!r} is in {seen[name]} too; expected one of each name")
             seen[name] = where
@@ -280,7 +282,7 @@ def _check_argument(program: Program, path: str, argument: Argument, value: Any)
                 raise error(path, f"{problem}; expected {argument.kind.value}") from problem
             if not read:
                 raise error(path, f"got none; expected {argument.kind.value}")
-            instances = [name for name, resource in program.resources.items() if resource.kind == "instance"]
+            instances = program.instances
             for goal in goals_in(read):
                 if (instance := getattr(goal, "instance", "")) and instance not in instances:
                     there = f"one of: {', '.join(instances)}" if instances else "a declaration of it under `resources`"

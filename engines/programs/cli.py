@@ -334,7 +334,7 @@ def _describe(name: str) -> None:
     _out.print(f"{program.title} ({program.name}, {program.hash})", style="bold", highlight=False)
     table = Table("", "name", "default", "unit", "what it is")
     for key, resource in program.resources.items():
-        table.add_row("--bind", key, "", resource.template or resource.kind, resource.title)
+        table.add_row("--bind", key, "", " or ".join(resource.templates) or resource.kind, resource.title)
     for key, parameter in program.parameters.items():
         table.add_row("--set", key, str(parameter.default), parameter.unit, parameter.title)
     _out.print(table)

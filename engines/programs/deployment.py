@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from affordance_templates.instance import Instance
 from affordance_templates.server import AffordanceServer
 from engines import identifiers
-from engines.programs.program import Program
+from engines.programs.program import TEMPLATE, Program
 from engines.programs.schema import Resource
 from handrail import workspace
 from handrail.messages import Deploy
@@ -27,12 +28,15 @@ class Deployed:
     """resource → arm or instance"""
     parameters: Mapping[str, Any]
     """every parameter's value"""
+    templates: Mapping[str, str] = field(default_factory=dict)
+    """resource that is an instance → the template that it is of"""
     folder: Path | None = None
     """of the release that it was made from: its nodes and behaviours are found there, whatever is deployed meanwhile"""
 
     def names(self) -> dict[str, Any]:
         """What the program's expressions see."""
-        return {**self.program.variables, **self.parameters, **self.bindings}
+        templates = {f"{TEMPLATE}{name}": template for name, template in self.templates.items()}
+        return {**self.program.variables, **self.parameters, **self.bindings, **templates}
 
 
 def deploy(request: Deploy, program: Program, description: RobotDescription, affordances: AffordanceServer) -> Deployed:
@@ -43,8 +47,9 @@ def deploy(request: Deploy, program: Program, description: RobotDescription, aff
             raise refuse(
                 f"program {program.name} has no resource {name!r}", f"bindings.{name}", bound, f"one of: {known}"
             )
+    placed = affordances.instances()
     for name, resource in program.resources.items():
-        found = fitting(resource, description, affordances)
+        found = fitting(resource, description, placed)
         bound = request.bindings.get(name, "")
         if bound not in found:
             what = f"resource {name!r} is not bound" if not bound else f"resource {name!r} can't be bound to {bound!r}"
@@ -52,7 +57,9 @@ def deploy(request: Deploy, program: Program, description: RobotDescription, aff
     check_parameters(program, request.parameters)
     parameters = {name: parameter.default for name, parameter in program.parameters.items()} | request.parameters
     id = identifiers.new(program.name)
-    return Deployed(id, program, dict(request.bindings), parameters, workspace.deployed())
+    of_template = {each.name: each.template.name for each in placed}
+    templates = {name: of_template[request.bindings[name]] for name in program.instances}
+    return Deployed(id, program, dict(request.bindings), parameters, templates, workspace.deployed())
 
 
 def check_parameters(program: Program, parameters: Mapping[str, Any]) -> None:
@@ -74,7 +81,7 @@ def check_breakpoints(deployed: Deployed, states: Iterable[str]) -> None:
 def still_bound(deployed: Deployed, description: RobotDescription, affordances: AffordanceServer) -> None:
     """Refuse a deployment whose instances have been removed since."""
     for name, resource in deployed.program.resources.items():
-        found = fitting(resource, description, affordances)
+        found = fitting(resource, description, affordances.instances())
         if deployed.bindings[name] not in found:
             gone = deployed.bindings[name]
             raise refuse(
@@ -85,11 +92,11 @@ def still_bound(deployed: Deployed, description: RobotDescription, affordances: 
             )
 
 
-def fitting(resource: Resource, description: RobotDescription, affordances: AffordanceServer) -> list[str]:
-    """What a resource can be bound to."""
+def fitting(resource: Resource, description: RobotDescription, instances: Iterable[Instance]) -> list[str]:
+    """What a resource can be bound to, where these instances are placed."""
     if resource.kind == "arm":
         return list(description.arms)
-    return [each.name for each in affordances.instances() if resource.template in ("", each.template.name)]
+    return [each.name for each in instances if not resource.templates or each.template.name in resource.templates]
 
 
 def _listed(resource: Resource, fitting: list[str]) -> str:
@@ -97,4 +104,4 @@ def _listed(resource: Resource, fitting: list[str]) -> str:
         return f"one of: {', '.join(fitting)}"
     if resource.kind == "arm":
         return "an arm; this robot has none"
-    return f"an instance of {resource.template or 'any template'}; there is none, place one first"
+    return f"an instance of {' or '.join(resource.templates) or 'any template'}; there is none, place one first"

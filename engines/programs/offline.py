@@ -93,7 +93,7 @@ class OfflineTask:
         """Rehearse a program. What is not bound is, where only one thing fits. Raises RefusedError where it can't be deployed."""
         bound = {name: bindings[name] for name in bindings if name in program.resources}
         for name, resource in program.resources.items():
-            fitting = deployment.fitting(resource, self.description, self._services.affordances)
+            fitting = deployment.fitting(resource, self.description, self.instances)
             if name not in bound and len(fitting) == 1:
                 bound[name] = fitting[0]
         call = Deploy(program=program.name, bindings=bound, parameters=dict(parameters))

@@ -40,6 +40,8 @@ PROGRAM = "program"
 """what a state does that runs another program"""
 RETRIES = "retries_of_"
 """and a state's id: how often its activity was begun anew already, since the state was entered"""
+TEMPLATE = "template_of_"
+"""and the name of a resource that is an instance: the template that it is of"""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,14 @@ class Program:
     def names(self) -> frozenset[str]:
         """Those that its expressions may use."""
         retries = {f"{RETRIES}{state.id}" for state in self.own_states() if state.file.retry}
-        return frozenset({*self.variables, *self.parameters, *self.resources, *CONSTANTS, *retries, "failure"})
+        templates = {f"{TEMPLATE}{name}" for name in self.instances}
+        named = {*self.variables, *self.parameters, *self.resources}
+        return frozenset({*named, *CONSTANTS, *retries, *templates, "failure"})
+
+    @property
+    def instances(self) -> list[str]:
+        """Its resources that are instances."""
+        return [name for name, resource in self.resources.items() if resource.kind == "instance"]
 
     def own_states(self) -> Iterator[State]:
         """Every state of its own file, in the file's order."""

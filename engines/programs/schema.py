@@ -19,9 +19,15 @@ class Resource(_Struct):
     """Something of the robot or the world that the program names abstractly; bound when it is deployed."""
 
     kind: Literal["arm", "instance"]
-    template: str = ""
-    """instance: which template it must be of"""
+    template: str | list[str] = ""
+    """instance: which template it must be of, or one of which"""
     title: str = ""
+
+    @property
+    def templates(self) -> tuple[str, ...]:
+        """Those that an instance may be of; none: of any."""
+        given = [self.template] if isinstance(self.template, str) else self.template
+        return tuple(name for name in given if name)
 
 
 class Parameter(_Struct):

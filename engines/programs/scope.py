@@ -15,7 +15,7 @@ import msgspec
 from engines.activities.base import SHAPES, ActivityFailed, Argument, Kind, goals_in
 from engines.programs import nested
 from engines.programs.expressions import ProgramEvaluator, attribute_of
-from engines.programs.program import AUTONOMY, CONSTANTS, RETRIES, Program, State
+from engines.programs.program import AUTONOMY, CONSTANTS, RETRIES, TEMPLATE, Program, State
 from engines.programs.text import fill
 from handrail.messages import Along, FrameGoal, GazeGoal
 
@@ -72,7 +72,11 @@ class Scope:
         """`caller`: the state that runs it, `above`: that one's program's; None of what is deployed."""
         self.program, self.caller, self.above = program, caller, above
         retries = {f"{RETRIES}{state.name}": 0 for state in program.own_states() if state.file.retry}
-        self.data = ProgramData({**CONSTANTS, **retries, **program.variables})
+        # Until it is bound, a resource counts as of the template that stands first.
+        templates = {
+            f"{TEMPLATE}{name}": next(iter(program.resources[name].templates), "") for name in program.instances
+        }
+        self.data = ProgramData({**CONSTANTS, **retries, **templates, **program.variables})
         self.reason = ""
         """of the last failure of one of its activities"""
         self.entered = False
@@ -96,7 +100,10 @@ class Scope:
         given = self.caller.file.with_
         self.set({name: parameter.default for name, parameter in self.program.parameters.items()})
         self.set(self.program.variables)
-        self.set({name: getattr(self.above.data, bound) for name, bound in (given.get("bind") or {}).items()})
+        for name, bound in (given.get("bind") or {}).items():
+            self.set({name: getattr(self.above.data, bound)})
+            if name in self.program.instances:
+                self.set({f"{TEMPLATE}{name}": getattr(self.above.data, f"{TEMPLATE}{bound}")})
         for name, expression in (given.get("parameters") or {}).items():
             try:
                 value = self.above.value(expression)

@@ -53,7 +53,7 @@ def _own(program: Program) -> Iterator[tuple[str, Path]]:
     yield f"rtc_programs/{program.name}{scxml.SUFFIX if source.suffix == scxml.SUFFIX else '.yaml'}", source
     known = catalogue.files()
     for resource in program.resources.values():
-        if file := known.get(resource.template):
+        for file in filter(None, map(known.get, resource.templates)):
             yield f"affordance_templates/{file.name}", file
             for shape in template_file.read(file).resolve().shapes:
                 if shape.file is not None and shape.file.is_relative_to(file.parent):

@@ -127,9 +127,9 @@ def test_the_history_says_what_was_passed_in_which_order_and_what_ended_it(stack
     stack.ended()
     history = stack.call(m.GetRunHistory())
     passed = [visit.state for visit in history.visits]
-    assert passed[:4] == ["planning", "confirming", "turning", "stroking"]
+    assert passed[:5] == ["choosing", "planning", "confirming", "turning", "stroking"]
     assert "counting" in passed, "also what is passed without waiting"
-    first = history.visits[0]
+    first = history.visits[1]
     assert first.event == "done.invoke.planning"
     assert first.left_ns >= first.entered_ns > 0
 
@@ -139,7 +139,7 @@ def test_the_outline_of_a_run_names_every_state_with_what_it_is_in_what_it_does_
     told = halted.call(m.GetOutline())
     assert (told.program, told.hash, told.deployment) == ("turn_valve", run.hash, run.deployment)
     states = {state.id: state for state in told.states}
-    assert list(states)[:4] == ["planning", "confirming", "turning", "stroking"]
+    assert list(states)[:5] == ["choosing", "planning", "confirming", "turning", "stroking"]
     assert states["stroking"].parent == "turning" and states["stroking"].does == "execute"
     assert states["confirming"].ways == ["turning", "failed", "failed"]
     assert states["done"].outcome == "succeeded" and states["turning"].title == "Turn, stroke by stroke"

@@ -111,6 +111,26 @@ def test_a_program_runs_as_one_state_with_what_it_is_given_and_gives_back_what_i
     assert chart.variables() == {"n": 8, "far": 2.25, "why": ""}
 
 
+def test_a_program_and_what_it_runs_know_of_which_template_their_instance_is(write, wait_until):
+    inner = GRIP.replace("what: {kind: instance}", "what: {kind: instance, template: [box, cap]}").replace(
+        "{hand} {what}", "{what} {template_of_what}"
+    )
+    outer = MOVE.replace("box: {kind: instance}", "box: {kind: instance, template: [box, cap]}")
+    files, steps = write(grip=inner, move=outer), []
+    found = program.read(files["move"], files)
+
+    def make(state, values):
+        steps.append(Step(state, values))
+        return steps[-1]
+
+    Chart(found, {**found.variables, "arm": "left", "box": "it", "template_of_box": "cap", "grip": 4}, make).begin()
+    wait_until(lambda: steps)
+    assert steps[0].values["text"] == "it cap 8 0"
+    files = write(grip=inner.replace("[box, cap]", "[box, lid]"), move=outer)
+    with pytest.raises(ConfigError, match="no resource that is an instance of template box or lid"):
+        program.read(files["move"], files)
+
+
 def test_a_program_that_fails_is_begun_anew_and_then_fails_its_state_by_the_name_of_its_end(begin, step):
     chart = begin()
     step(1).end({"answer": "again"})

@@ -30,6 +30,12 @@ def test_strokes_go_on_until_the_wheel_is_believed_far_enough_and_the_tool_ends_
     assert state.version == 1, "believing another angle is not an edit"
 
 
+def test_it_is_bound_to_a_wheel_or_a_lever_and_to_nothing_else(stack):
+    stack.call(m.PlaceInstance(name="it", template="box", pose_in_world=m.Pose(position=(0.5, 0.0, 0.0))))
+    refused = stack.refusal(m.Deploy(program="turn_valve", bindings={"arm": "right", "valve": "it"}))
+    assert refused.expected == "an instance of wheel or lever_valve; there is none, place one first"
+
+
 def test_later_strokes_keep_the_arc_that_the_first_one_chose_and_start_from_where_the_robot_is_commanded(
     stack, planner, daemon
 ):

@@ -50,7 +50,7 @@ def told(waypoints) -> dict[str, str]:
 
 def test_what_is_at_hand_is_reached_with_room_and_what_is_far_away_is_missed_by_metres(reach, question):
     near = reach.quick(question("lever_valve", "push"))
-    assert told(near) == dict.fromkeys(("before", "reach_in", "touch", "turn", "leave", "back"), "reached")
+    assert told(near) == dict.fromkeys(("before", "around", "touch", "turn", "leave", "back"), "reached")
     far = reach.quick(question("lever_valve", "push", (2.55, -0.35, 0.1)))
     for each in far:
         assert (each.state, each.constraint, each.unit) == ("not", "position", "m")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handrail.messages import Pose
+from handrail.messages import Pose, Prompt
 from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 from tests.stack.conftest import Stack, stacks
@@ -28,6 +28,7 @@ def workshop() -> Iterator[Stack]:
         stack.wait_up()
         stack.robot = robot = stack.connect()
         robot.enable(60.0)
+        robot.on(Prompt, lambda prompt: robot.answer(prompt.id, prompt.options[0]))
         robot.place_instance("valve", "lever_valve", Pose(position=(0.55, -0.28, 0.25)))
         robot.place_instance("panel", "button_panel", Pose(position=(0.52, -0.32, -0.10)))
         size = {"width": 0.5, "below": 0.5, "above": 0.5, "hinge_side": -1, "opening": 20}
@@ -49,8 +50,9 @@ def test_the_camera_comes_to_look_at_what_it_is_told(workshop) -> None:
 
 
 def test_a_tool_turns_a_lever_from_closed_to_open(workshop) -> None:
-    ended = carried_out(workshop.robot, "turn_lever", {"arm": "right", "valve": "valve"})
+    ended = carried_out(workshop.robot, "turn_valve", {"arm": "right", "valve": "valve"})
     assert ended.status == "succeeded", ended.detail
+    assert ended.data["turned_deg"] == pytest.approx(90), "it is a lever: one stroke, not a wheel's many"
     now = workshop.truth().now()
     assert now.hinges["valve.stem"] > math.radians(80), now.hinges
     assert now.peak_contact_force["valve"] < 80.0

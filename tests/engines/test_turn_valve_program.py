@@ -136,7 +136,7 @@ def test_an_instance_moved_while_the_operator_thinks_is_planned_and_asked_about_
     stack.place()
     stack.run(goal_deg=30)
     first = stack.prompt()
-    stack.call(m.MoveInstance(name="wheel_1", pose_in_world=m.Pose(position=(0.55, -0.35, 0.30))))
+    stack.call(m.MoveInstance(name="wheel_1", pose_in_world=m.Pose(position=(0.55, -0.35, 0.31))))
     stack.call(m.AnswerPrompt(id=first.id, answer="approve"))
     second = stack.prompt(2)
     assert not daemon.started(), "the stale plan must not move anything"

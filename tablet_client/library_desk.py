@@ -173,7 +173,7 @@ class LibraryDesk(QObject):
                     "name": each.resource.name,
                     "title": each.resource.title,
                     "kind": each.resource.kind,
-                    "template": each.resource.template,
+                    "template": " or ".join(each.resource.templates),
                     "fitting": list(each.fitting),
                     "bound": each.bound,
                 }

@@ -34,7 +34,7 @@ def source(call: m.GetProgram) -> m.ProgramSource:
         file=file.name,
         text=text,
         resources=[
-            m.ProgramResource(name=name, kind=each.kind, template=each.template, title=each.title)
+            m.ProgramResource(name=name, kind=each.kind, templates=list(each.templates), title=each.title)
             for name, each in program.resources.items()
         ],
         parameters=[

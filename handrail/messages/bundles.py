@@ -82,8 +82,8 @@ class ProgramResource(msgspec.Struct, kw_only=True):
 
     name: str
     kind: Literal["arm", "instance"]
-    template: str = ""
-    """instance: which template it must be of; empty: any"""
+    templates: list[str] = []
+    """instance: which template it must be of, one of these; none: any"""
     title: str = ""
 
 

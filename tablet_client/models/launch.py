@@ -141,7 +141,9 @@ class Launch:
             if each.kind == "arm":
                 fitting = tuple(arms)
             else:
-                fitting = tuple(name for name, one in instances.items() if each.template in ("", one.template))
+                fitting = tuple(
+                    name for name, one in instances.items() if not each.templates or one.template in each.templates
+                )
             bound = self._bound.get(each.name, fitting[0] if len(fitting) == 1 else "")
             made.append(Slot(each, fitting, bound if bound in fitting else ""))
         return made

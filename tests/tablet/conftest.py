@@ -238,7 +238,7 @@ class FakeRobot:
             text="# Turn a wheel\n# by strokes.\ntitle: Turn a valve\n# not this\n",
             resources=[
                 ProgramResource(name="arm", kind="arm", title="the arm that turns"),
-                ProgramResource(name="valve", kind="instance", template="wheel"),
+                ProgramResource(name="valve", kind="instance", templates=["wheel", "lever_valve"]),
             ],
             parameters=[
                 ProgramParameter(name="goal_deg", type="number", default=285, unit="deg", min=5, max=3600),

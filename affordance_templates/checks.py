@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import msgspec
+
 from affordance_templates import fields
 from affordance_templates.instance import Instance
 from affordance_templates.template_file import Template
@@ -16,17 +18,16 @@ Quaternion = tuple[float, float, float, float]
 
 def edit(instance: Instance, asked: EditInstance) -> dict[str, fields.Value]:
     """field → value that an edit gives it."""
-    values = fields.asked(asked)
     if asked.position is not None:
         _finite(asked.position, "position")
     if asked.orientation is not None:
-        values["orientation"] = unit(asked.orientation, "orientation")
+        asked = msgspec.structs.replace(asked, orientation=unit(asked.orientation, "orientation"))
     parameters(instance.template, asked.parameters)
     for name, position in asked.joints.items():
         joint(instance, name, position)
     if asked.base is not None and not 0 < asked.base <= instance.version:
         raise refuse("no version that there was", "base", asked.base, f"1 to {instance.version}, the present one")
-    return values
+    return fields.asked(asked, instance)
 
 
 def pose(given: Pose) -> Pose:

@@ -12,7 +12,7 @@ import numpy as np
 from affordance_templates.placement import Array, of_message
 from affordance_templates.template import ResolvedTemplate
 from affordance_templates.template_file import Template
-from handrail.messages import InstanceState, Pose, Provenance
+from handrail.messages import Attachment, InstanceState, Pose, Provenance
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,10 @@ class Instance:
     """joint → rad (prismatic: m), as believed; joints not named are at 0"""
     version: int = 1
     """goes up with every edit (see `InstanceState`)"""
+    attached_to: str = ""
+    """what it goes along with (`affordance_templates.attachments`); empty: it stands in the world"""
+    pose_in_parent: Pose | None = None
+    """in the frame of that; None: it stands in the world"""
     held_by: str = ""
     """the operator who drags it"""
     provenance: Provenance = field(default_factory=Provenance)
@@ -35,7 +39,10 @@ class Instance:
     @classmethod
     def of(cls, state: InstanceState, template: Template) -> Instance:
         """The instance that was told. Raises ValueError (config.ConfigError among it) where its template has no shape like that."""
+        to = state.attachment
         instance = cls(
+            attached_to="" if to is None else f"link:{to.link}" if to.link else f"instance:{to.instance}",
+            pose_in_parent=None if to is None else to.pose,
             name=state.name,
             template=template,
             pose_in_world=state.pose_in_world,
@@ -47,6 +54,11 @@ class Instance:
         )
         instance.resolve()
         return instance
+
+    @property
+    def own_pose(self) -> Pose:
+        """In the frame of what it goes along with; else in the world."""
+        return self.pose_in_world if self.pose_in_parent is None else self.pose_in_parent
 
     def changed(self, **changes: Any) -> Instance:
         """The instance with other values; a shape that is the same is not worked out again, as a drag is many changes."""
@@ -85,4 +97,9 @@ class Instance:
             removed=removed,
             held_by=self.held_by,
             provenance=self.provenance,
+            attachment=self._attachment(),
         )
+
+    def _attachment(self) -> Attachment | None:
+        kind, _, name = self.attached_to.partition(":")
+        return Attachment(**{kind: name}, pose=self.own_pose) if name else None

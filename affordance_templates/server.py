@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
-from affordance_templates import catalogue, checks, fields, history, instance_file
+from affordance_templates import attachments, catalogue, checks, fields, instance_file
 from affordance_templates.fields import Value
 from affordance_templates.history import Change, History, Mark, Step, Whole
 from affordance_templates.holds import HOLD_S, Holds
 from affordance_templates.instance import Instance
 from affordance_templates.instance_file import Kept
+from affordance_templates.placement import Array, of_message
 from affordance_templates.template_file import Template
+from affordance_templates.undoing import LOCAL, ROBOT, Undoing
 from handrail.config import ConfigError
 from handrail.messages import (
+    AttachInstance,
     EditInstance,
     HoldInstance,
     InstanceEdit,
@@ -26,21 +29,14 @@ from handrail.messages import (
     MoveInstance,
     PlaceInstance,
     Provenance,
-    RedoEdit,
     ReleaseInstance,
     RemoveInstance,
     SetParameters,
-    UndoEdit,
 )
 from handrail.topics import refuse
 
-LOCAL = "local"
-"""the operator of calls that no link has signed: they come from the robot itself"""
-ROBOT = "the robot"
-"""who writes joints that its own motions have turned"""
 
-
-class AffordanceServer:
+class AffordanceServer(Undoing):
     """Holds the instances. Every method may be called from any thread; edits are written to disk before they are told.
 
     Operators are known by the name that the link has written on their calls. A name that was removed and is placed again goes on
@@ -63,6 +59,8 @@ class AffordanceServer:
         self._file, self._changed, self._find, self._utc = file, changed, find, utc
         self._lock = threading.RLock()
         self._holds = Holds(clock)
+        self.link_in_world: Callable[[str], Array | None] = lambda link: None
+        """a link of the robot → (4, 4) where it is, by the measured joints; None: there is none, or it is not known"""
         self._touched: dict[str, dict[str, tuple[int, str]]] = {}
         """instance → field → version at which it got its value, and from whom; since the start"""
         self._now, self.problems = instance_file.read(file, find)
@@ -152,6 +150,13 @@ class AffordanceServer:
         with self._lock:
             by, gone = request.by or LOCAL, self.get(request.name)
             self._not_held(request.name, by)
+            if along := attachments.on(gone.name, self._now.instances):
+                raise refuse(
+                    f"{', '.join(along)} would have nothing to go along with",
+                    "name",
+                    gone.name,
+                    f"an instance that nothing is attached to: attach {along[0]} to something else, or remove it, first",
+                )
             step = Step(gone.name, "remove", whole=self._whole(gone))
             self._commit(self._now.without(gone.name).with_history(by, self._history(by).with_step(step)))
             self._told_gone(gone)
@@ -162,100 +167,79 @@ class AffordanceServer:
             old = self.get(name)
             checks.joint(old, joint, position)
             number, one = self._now.written + 1, fields.joint(joint)
-            now = fields.with_values(old, {one: (position,)})
+            now = fields.with_values(old, {one: (position,)}, None)
             marks = {**self._now.marks.get(name, {}), one: Mark(number, ROBOT)}
             self._commit(replace(self._now.with_instance(now, marks), written=number))
             self._changed(now.state())
             return now
 
-    # -------------------------------------------------------------------------------------------------------- undo and redo
+    # --------------------------------------------------------------------------------------------------------- attachments
 
-    def undo(self, request: UndoEdit) -> InstanceEdit:
-        """Take back the operator's last step, but for fields that others have changed since. Refused when there is none."""
-        return self._step(request.by or LOCAL, back=True)
-
-    def redo(self, request: RedoEdit) -> InstanceEdit:
-        """Do again what the operator took back last. Refused when there is none."""
-        return self._step(request.by or LOCAL, back=False)
-
-    def _step(self, by: str, *, back: bool) -> InstanceEdit:
+    def attach(self, request: AttachInstance) -> InstanceEdit:
+        """Have an instance go along with a link, another instance, or the world. Refused where it would go along with itself."""
         with self._lock:
-            steps = self._history(by)
-            if not (steps.done if back else steps.undone):
-                raise refuse(f"nothing to {'undo' if back else 'redo'}: {by} has done nothing that is still known")
-            step = steps.done[-1] if back else steps.undone[-1]
-            after = steps.undo if back else steps.redo
-            if step.kind == "edit":
-                return self._edit_again(step, by, after, back=back)
-            if (step.kind == "remove") == back:
-                return self._place_again(step, by, after)
-            return self._remove_again(step, by, after)
+            by, old = request.by or LOCAL, self.get(request.name)
+            to = attachments.asked(request)
+            if request.link and request.instance:
+                raise refuse("a link and an instance", "instance", request.instance, "one of both")
+            if why := self._hangs(old.name, to):
+                raise refuse(
+                    f"{old.name} can't be attached to {attachments.in_words(to)}: {why}", *self._expected(old, request)
+                )
+            self._not_held(old.name, by)
+            self._holds.renew(old.name, by)
+            if to == old.attached_to:
+                return InstanceEdit(name=old.name, instance=old.state())
+            pose = attachments.seen_from(self._place_of(to), old.pose_in_world)
+            where: dict[str, Value] = {
+                "position": pose.position,
+                "orientation": pose.orientation,
+                fields.ATTACHMENT: to,
+            }
+            return self._write(old, where, by, base=None)
 
-    def _edit_again(self, step: Step, by: str, after: Callable[[Step | None], History], *, back: bool) -> InstanceEdit:
-        old = self._now.instances.get(step.name)
-        if old is None:
-            self._commit(self._now.with_history(by, after(None)))
-            return InstanceEdit(
-                name=step.name, instance=None, left={each: f"{step.name} is gone" for each in step.changes}
-            )
-        able, kept = history.possible(step, self._now.marks.get(step.name, {}), back=back)
-        left = {each: f"{writer or 'somebody'} has changed it since" for each, writer in kept.items()}
-        for each in [each for each in able if fields.value(old, each) is None]:
-            del able[each]
-            left[each] = f"the template {old.template.name} has it no more"
-        if set(able) & set(fields.POSE):
-            self._not_held(step.name, by)
-        new = fields.with_values(old, {each: one for each, (one, _) in able.items()})
-        if problem := checks.shape(new):
-            left |= dict.fromkeys(able, f"the template has no shape like that: {problem}")
-            able, new = {}, old
-        moved = [each for each, (one, _) in able.items() if fields.value(old, each) != one]
-        again = msgspec.structs.replace(step, changes={each: step.changes[each] for each in able}, drag=0)
-        marks = {**self._now.marks.get(step.name, {}), **{each: mark for each, (_, mark) in able.items()}}
-        new = self._edited(old, new, by) if moved else old
-        now = self._now.with_instance(new, marks).with_history(by, after(again if able else None))
-        self._commit(now)
-        self._touch(new, moved, by)
-        if moved:
-            self._changed(new.state())
-        return InstanceEdit(name=step.name, instance=new.state(), fields=moved, left=left)
+    def follow(self) -> bool:
+        """Have what the robot carries be where its links are now, if that is known. No edit, and not on disk. True: it carries
+        something.
+        """
+        with self._lock:
+            on_links = [each for each in self._now.instances.values() if attachments.link(each.attached_to)]
+            for one in on_links:
+                place = self.link_in_world(attachments.link(one.attached_to))
+                if place is None:
+                    continue
+                now = attachments.with_own_pose(one, one.own_pose, one.attached_to, place)
+                if not attachments.elsewhere(one.pose_in_world, now.pose_in_world):
+                    continue
+                there = {**self._now.instances, now.name: now}
+                moved = [now, *attachments.moved_along(now.name, there, edited=False)]
+                self._now = replace(self._now, instances={**there, **{each.name: each for each in moved}})
+                for each in moved:
+                    self._changed(each.state())
+            return bool(on_links)
 
-    def _place_again(self, step: Step, by: str, after: Callable[[Step | None], History]) -> InstanceEdit:
-        assert step.whole is not None
-        there = self._now.instances.get(step.name)
-        if there is not None:
-            self._commit(self._now.with_history(by, after(None)))
-            why = f"{there.provenance.placed_by or 'somebody'} has placed another {step.name} since"
-            return InstanceEdit(name=step.name, instance=there.state(), left={"instance": why})
-        state = step.whole.state
-        try:
-            again = Instance.of(state, self._find(state.template))
-        except ValueError as problem:  # ConfigError among them
-            raise refuse(f"{step.name} can't be placed again", "template", state.template, str(problem)) from problem
-        again = replace(again, version=self._now.versions.get(step.name, 0) + 1, held_by="")
-        self._commit(self._now.with_instance(again, step.whole.marks).with_history(by, after(step)))
-        self._changed(again.state())
-        return InstanceEdit(name=step.name, instance=again.state(), fields=["instance"])
+    def _hangs(self, name: str, to: str) -> str:
+        """Why an instance can't be attached to something; empty: it can."""
+        if (link := attachments.link(to)) and self.link_in_world(link) is None:
+            return f"the robot has no link {link}, or has not told where it is"
+        other, there = attachments.instance(to), self._now.instances
+        if other and other not in there:
+            return f"{other} is not there"
+        if other and name in (other, *attachments.ancestors(other, there)):
+            return "it would go along with itself"
+        return ""
 
-    def _remove_again(self, step: Step, by: str, after: Callable[[Step | None], History]) -> InstanceEdit:
-        assert step.whole is not None
-        there = self._now.instances.get(step.name)
-        if there is None:
-            self._commit(self._now.with_history(by, after(None)))
-            return InstanceEdit(name=step.name, instance=None, left={"instance": "it is gone already"})
-        marks = self._now.marks.get(step.name, {})
-        others = {mark.by for each, mark in marks.items() if mark != step.whole.marks.get(each)} - {by, ROBOT}
-        if others or there.provenance.placed_at != step.whole.state.provenance.placed_at:
-            self._commit(self._now.with_history(by, after(None)))
-            who = ", ".join(sorted(each or "somebody" for each in others or {there.provenance.placed_by}))
-            return InstanceEdit(
-                name=step.name, instance=there.state(), left={"instance": f"{who} has changed it since"}
-            )
-        self._not_held(step.name, by)
-        step = msgspec.structs.replace(step, whole=self._whole(there))
-        self._commit(self._now.without(step.name).with_history(by, after(step)))
-        self._told_gone(there)
-        return InstanceEdit(name=step.name, instance=None, fields=["instance"])
+    def _expected(self, old: Instance, request: AttachInstance) -> tuple[str, str, str]:
+        if request.link:
+            return "link", request.link, "a link of the robot's model, with the robot up"
+        others = [name for name in self._now.instances if not self._hangs(old.name, f"instance:{name}")]
+        return "instance", request.instance, f"one of: {', '.join(others) or 'no other is there'}"
+
+    def _place_of(self, to: str) -> Array | None:
+        """(4, 4) in the world of what something is attached to; None: the world. `_hangs` has found that it is there."""
+        if link := attachments.link(to):
+            return self.link_in_world(link)
+        return of_message(self._now.instances[attachments.instance(to)].pose_in_world) if to else None
 
     # --------------------------------------------------------------------------------------------------------------- holds
 
@@ -311,33 +295,56 @@ class AffordanceServer:
         if set(asked) & set(fields.POSE):
             self._not_held(old.name, by)
         self._holds.renew(old.name, by)
+        return self._write(old, asked, by, request.base)
+
+    def _write(self, old: Instance, asked: Mapping[str, Value], by: str, base: int | None) -> InstanceEdit:
         marks = self._now.marks.get(old.name, {})
         now_are = {each: fields.value(old, each) for each in asked}
-        # A value that somebody else has written already is his until it is written again: then an undo of his leaves it.
-        written = {each: one for each, one in asked.items() if now_are[each] != one or marks.get(each, Mark()).by != by}
+        # A value that somebody else has written already is his until it is written again: then an undo of his leaves it. Numbers
+        # that stay the same on another parent mean another place.
+        whole = fields.ATTACHMENT in asked
+        written = {
+            each: one
+            for each, one in asked.items()
+            if whole or now_are[each] != one or marks.get(each, Mark()).by != by
+        }
         if not written:
             return InstanceEdit(name=old.name, instance=old.state())
         moved = [each for each, one in written.items() if now_are[each] != one]
-        new = fields.with_values(old, written)
-        checks.resolvable(new)
-        if moved:
-            new = self._edited(old, new, by)
+        new = checks.resolvable(self._with_values(old, written))
         mark = Mark(self._now.written + 1, by)
         changes = {
             each: Change(_known(now_are[each]), one, marks.get(each, Mark()), mark) for each, one in written.items()
         }
         step = Step(old.name, changes=changes, drag=self._holds.number(old.name, by))
-        now = self._now.with_instance(new, {**marks, **dict.fromkeys(written, mark)})
-        overwrote = self._overwritten(old.name, moved, by, request.base)
-        self._commit(replace(now, written=mark.number).with_history(by, self._history(by).with_step(step)))
-        self._touch(new, moved, by)
-        if moved:
-            self._changed(new.state())
+        overwrote = self._overwritten(old.name, moved, by, base)
+        now = replace(self._now, written=mark.number).with_history(by, self._history(by).with_step(step))
+        new = self._keep(now, old, new, {**marks, **dict.fromkeys(written, mark)}, moved, by)
         return InstanceEdit(name=old.name, instance=new.state(), fields=moved, overwrote=overwrote)
 
-    def _edited(self, old: Instance, new: Instance, by: str) -> Instance:
-        provenance = msgspec.structs.replace(old.provenance, edited_by=by, edited_at=self._utc())
-        return new.changed(version=old.version + 1, provenance=provenance)
+    def _with_values(self, old: Instance, values: Mapping[str, Value]) -> Instance:
+        to = str(values.get(fields.ATTACHMENT, old.attached_to))
+        parent = attachments.parent_in_world(old) if to == old.attached_to else self._place_of(to)
+        return fields.with_values(old, values, parent)
+
+    def _keep(
+        self, now: Kept, old: Instance, new: Instance, marks: Mapping[str, Mark], moved: list[str], by: str
+    ) -> Instance:
+        """Commit an edited instance, with what goes along with it, and tell of them; `moved`: fields with another value."""
+        if moved:
+            provenance = msgspec.structs.replace(old.provenance, edited_by=by, edited_at=self._utc())
+            new = new.changed(version=old.version + 1, provenance=provenance)
+        now = now.with_instance(new, marks)
+        along = []
+        if set(moved) & set(fields.POSE):
+            along = attachments.moved_along(new.name, now.instances, edited=True)
+        for each in along:
+            now = now.with_instance(each, now.marks.get(each.name, {}))
+        self._commit(now)
+        self._touched.setdefault(new.name, {}).update(dict.fromkeys(moved, (new.version, by)))
+        for each in [new, *along] if moved else []:
+            self._changed(each.state())
+        return new
 
     def _overwritten(self, name: str, written: list[str], by: str, base: int | None) -> dict[str, str]:
         found = {}
@@ -346,9 +353,6 @@ class AffordanceServer:
             if base is not None and version > base and writer != by:
                 found[each] = writer
         return found
-
-    def _touch(self, instance: Instance, moved: list[str], by: str) -> None:
-        self._touched.setdefault(instance.name, {}).update(dict.fromkeys(moved, (instance.version, by)))
 
     def _history(self, by: str) -> History:
         return self._now.histories.get(by, History())

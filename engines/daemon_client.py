@@ -77,6 +77,7 @@ class DaemonClient:
         self._lock = threading.Lock()
         self._watches: dict[str, ActionWatch] = {}
         self._command: np.ndarray | None = None
+        self._position: np.ndarray | None = None
         self._base: Base | None = None
         self._time_ns = 0
         self._clocks: list[Callable[[int], None]] = []
@@ -144,6 +145,11 @@ class DaemonClient:
         with self._lock:
             return None if self._command is None else World(self._time_ns, self._command.copy(), self._base)
 
+    def measured(self) -> tuple[np.ndarray, Base | None] | None:
+        """(n,) rad, where the joints are, and the base (None: it is fixed), as last heard; None before the first state came."""
+        with self._lock:
+            return None if self._position is None else (self._position, self._base)
+
     def watch(self, action: str) -> ActionWatch:
         """Listen for an action's events; a context manager."""
         watch = ActionWatch(self, action)
@@ -200,7 +206,7 @@ class DaemonClient:
                 command, before = np.array(message.command), self._command
                 self._time_ns, self._command = message.time_ns, command
                 if isinstance(message, RobotState):
-                    self._base = message.base
+                    self._base, self._position = message.base, np.array(message.position)
                     elsewhere = before is not None and np.array_equal(command, before) and self._elsewhere(message)
             watch = self._watches.get(message.id) if isinstance(message, ActionEvent) else None
         if watch is not None and isinstance(message, ActionEvent):

@@ -32,6 +32,7 @@ from engines.daemon_client import DaemonClient
 from engines.instance_desk import InstanceDesk
 from engines.learning.book import RunBook, location
 from engines.learning.learner import Learner
+from engines.link_poses import LinkPoses
 from engines.nodes.desk import answers as node_answers
 from engines.nodes.keeper import NodeKeeper
 from engines.plans.desk import PlanningDesk, Task
@@ -150,7 +151,7 @@ class Engine:
         for problem in (*affordances.problems, *self._releases.problems):
             self._log("error", problem)
         self._answers: dict[type, Callable[[Any], Any]] = {
-            **self._instances.open(affordances),
+            **self._instances.open(affordances, LinkPoses(description, daemon.measured)),
             m.GetPlan: self._get_plan,
             m.MakePlan: self._make_plan,
             m.CancelPlanning: lambda call: self._desk.cancel(),

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from affordance_templates.placement import Array
 from affordance_templates.server import AffordanceServer
 from handrail import messages as m
 
@@ -47,7 +48,7 @@ class LatestAtMost:
 
 
 class InstanceDesk:
-    """Answers calls about the instances of a server, tells of them, and ends holds whose holder has gone silent."""
+    """Answers calls about the instances of a server, tells of them, ends holds, has what the robot carries go along with it."""
 
     def __init__(self, tell: Callable[[m.InstanceState], None]):
         """`tell`: everybody, from any thread."""
@@ -58,17 +59,24 @@ class InstanceDesk:
         self._server: AffordanceServer | None = None
         self._thread = threading.Thread(target=self._work, name="instances' desk", daemon=True)
 
-    def open(self, server: AffordanceServer) -> dict[type, Callable[[Any], Any]]:
-        """The calls that it answers, by their types; from now on holds end."""
+    def open(
+        self, server: AffordanceServer, link_in_world: Callable[[str], Array | None]
+    ) -> dict[type, Callable[[Any], Any]]:
+        """The calls that it answers, by their types; from now on holds end, and what the robot carries goes along with it.
+
+        `link_in_world`: a link of the robot → (4, 4) where it is; None: there is none, or it is not known.
+        """
         self._server = server
+        server.link_in_world = link_in_world
         self._thread.start()
         return {
             m.PlaceInstance: lambda call: server.place(call).state(),
             m.MoveInstance: lambda call: server.move(call).state(),
             m.SetParameters: lambda call: server.set_parameters(call).state(),
             m.EditInstance: server.edit,
-            m.UndoEdit: server.undo,
-            m.RedoEdit: server.redo,
+            m.AttachInstance: lambda call: self._woken(server.attach(call)),
+            m.UndoEdit: lambda call: self._woken(server.undo(call)),
+            m.RedoEdit: lambda call: self._woken(server.redo(call)),
             m.HoldInstance: self._hold,
             m.ReleaseInstance: lambda call: server.release(call).state(),
             m.RemoveInstance: server.remove,
@@ -100,11 +108,15 @@ class InstanceDesk:
         self._something.set()
         return state
 
+    def _woken(self, edit: m.InstanceEdit) -> m.InstanceEdit:
+        self._something.set()
+        return edit
+
     def _work(self) -> None:
         assert self._server is not None
         while not self._closing.is_set():
             self._something.clear()
-            waits = [self._server.end_holds()]
+            waits = [self._server.end_holds(), 1 / RATE if self._server.follow() else None]
             with self._lock:
                 now_s = time.monotonic()
                 for state in self._latest.due(now_s):

@@ -45,6 +45,9 @@ class SharedInstances(AffordanceServer):
     def edit(self, request: m.EditInstance) -> m.InstanceEdit:
         return self._call(request)
 
+    def attach(self, request: m.AttachInstance) -> m.InstanceEdit:
+        return self._call(request)
+
     def undo(self, request: m.UndoEdit) -> m.InstanceEdit:
         return self._call(request)
 

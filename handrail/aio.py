@@ -188,6 +188,7 @@ class AsyncClient:
     move_instance = _awaited(Client.move_instance)
     set_parameters = _awaited(Client.set_parameters)
     edit_instance = _awaited(Client.edit_instance)
+    attach_instance = _awaited(Client.attach_instance)
     undo_instances = _awaited(Client.undo_instances)
     redo_instances = _awaited(Client.redo_instances)
     hold_instance = _awaited(Client.hold_instance)

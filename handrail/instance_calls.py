@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from handrail.messages import (
+    AttachInstance,
     EditInstance,
     GetInstances,
     HoldInstance,
@@ -62,6 +63,14 @@ class InstanceCalls:
             joints=dict(joints or {}), base=base,
         )  # fmt: skip
         return self.call(call)
+
+    def attach_instance(self, name: str, *, link: str = "", instance: str = "") -> InstanceEdit:
+        """Have an instance go along with a link of the robot, or with another instance; with neither, have it stand in the world.
+
+        It stays where it is now. What the robot carries goes along with its measured joints, is no obstacle to it, and gets no new
+        version by it. Refused where somebody else holds it, and where it would go along with itself.
+        """
+        return self.call(AttachInstance(name=name, link=link, instance=instance))
 
     def undo_instances(self) -> InstanceEdit:
         """Take back the last thing that this operator did to any instance; all of a drag under a hold is one.

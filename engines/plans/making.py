@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
+from affordance_templates import attachments
 from affordance_templates.instance import Instance
 from engines.activities.base import ActivityFailed, Services
 from engines.planning.plan import Infeasible, Plan
@@ -123,7 +124,9 @@ def _check_arms(services: Services, arms: Sequence[str]) -> None:
 
 
 def _others(services: Services, instance: str) -> list[Instance]:
-    return [each for each in services.affordances.instances() if each.name != instance]
+    there = services.affordances.instances()
+    left_out = {instance, *attachments.carried(there)}  # what it carries is where its hand is: no obstacle to that
+    return [each for each in there if each.name not in left_out]
 
 
 def rank_choices(services: Services, call: RankChoices, *, cancelled: _Asked | None = None) -> Choices:
@@ -174,10 +177,12 @@ def make_motion(
     :param seeds: (n,) rad each, postures to look for the goals from first
     """
     world, instances = start_of(services, call.after), services.affordances.instances()
+    # What the robot carries is where its hand is: no obstacle to that.
+    heeding = msgspec.structs.replace(call, ignore=[*call.ignore, *attachments.carried(instances)])
     with _telling("no plan to the goals", "can't plan to the goals"):
         seen = _seen(services, instances) if call.seen else None
         plan = services.planner.motion(
-            call,
+            heeding,
             instances,
             world.command,
             seeds=seeds,

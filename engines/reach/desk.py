@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
+from affordance_templates.attachments import carried
 from affordance_templates.server import AffordanceServer
 from engines.daemon_client import DaemonClient
 from engines.nodes.warm import environment
@@ -242,13 +243,15 @@ class ReachDesk:
             return
         deployed = workspace.deployed()
         instance, trajectory, arm = key
+        there = self._affordances.instances()
+        left_out = set(carried(there)) - {instance}  # it is where the hand is: no obstacle to that
         ask = Ask(
             number=self._number,
             instance=instance,
             trajectory=trajectory,
             arm=arm,
             clearance=watch.call.clearance,
-            instances=[each.state() for each in self._affordances.instances()],
+            instances=[each.state() for each in there if each.name not in left_out],
             position=world.command.tolist(),
             base=world.base,
             deployed=str(deployed) if deployed else "",

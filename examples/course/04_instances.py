@@ -26,6 +26,14 @@ with handrail.connect() as robot:
     print("undone:", robot.undo_instances().instance.pose_in_world.position)
     print("done again:", robot.redo_instances().instance.pose_in_world.position)
 
+    # An instance goes along with another one, or with a link of the robot, as once it is grasped.
+    robot.place_instance("mark", "box", Pose(position=(0.60, -0.30, 0.45)), source="lesson 4")
+    robot.attach_instance("mark", instance="guess")
+    robot.move_instance("guess", Pose(position=(0.60, -0.30, 0.25)))
+    print("went along:", next(each for each in robot.instances() if each.name == "mark").pose_in_world.position)
+    robot.attach_instance("mark")  # it stands in the world again, where it is
+    robot.remove_instance("mark")
+
     robot.remove_instance("guess")
     robot.place_instance("crate", "box", Pose(position=(0.55, -0.30, 0.10)))
     for waypoint in robot.reach("crate", "grasp", "right").waypoints:

@@ -22,6 +22,7 @@ import zstandard
 
 from handrail.messages import (
     Answer,
+    AttachInstance,
     AwaitPlan,
     BindKeepalive,
     CancelAction,
@@ -146,6 +147,7 @@ SIGNED = (
     MoveInstance,
     SetParameters,
     EditInstance,
+    AttachInstance,
     RemoveInstance,
     UndoEdit,
     RedoEdit,

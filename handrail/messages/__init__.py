@@ -112,6 +112,8 @@ from handrail.messages.goals import (
     RelationGoal,
 )
 from handrail.messages.instances import (
+    AttachInstance,
+    Attachment,
     EditInstance,
     GetInstances,
     HoldInstance,
@@ -273,6 +275,8 @@ __all__ = [
     "Along",
     "Answer",
     "AnswerPrompt",
+    "AttachInstance",
+    "Attachment",
     "AwaitPlan",
     "Base",
     "BindKeepalive",
@@ -516,6 +520,7 @@ SetParameters.Reply = InstanceState
 HoldInstance.Reply = InstanceState
 ReleaseInstance.Reply = InstanceState
 EditInstance.Reply = InstanceEdit
+AttachInstance.Reply = InstanceEdit
 UndoEdit.Reply = InstanceEdit
 RedoEdit.Reply = InstanceEdit
 GetInstances.Reply = Instances
@@ -583,6 +588,7 @@ EngineCall = (
     | MoveInstance
     | SetParameters
     | EditInstance
+    | AttachInstance
     | UndoEdit
     | RedoEdit
     | HoldInstance

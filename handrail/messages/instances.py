@@ -27,6 +27,17 @@ class Provenance(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_field
     edited_at: float = 0.0
 
 
+class Attachment(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """What an instance goes along with: a link of the robot, or another instance."""
+
+    link: str = ""
+    """a frame of the robot's model; its pose is that of the measured joints"""
+    instance: str = ""
+    """one of both is empty"""
+    pose: Pose
+    """of the instance, in the frame of that link or instance"""
+
+
 @travels(priority=2, reliable=False, superseded_by=("name",), remote=True)
 class InstanceState(Message):
     """A template placed in the world, as it stands now. Told at most 30 times a second of one instance, the latest value."""
@@ -45,6 +56,8 @@ class InstanceState(Message):
     held_by: str = ""
     """the operator who is dragging it: nobody else may move or remove it. Empty: nobody"""
     provenance: Provenance = Provenance()
+    attachment: Attachment | None = None
+    """what it goes along with: None, it stands in the world. A robot that carries it makes no new version of it"""
 
 
 @travels(priority=1, remote=True)
@@ -100,6 +113,18 @@ class EditInstance(Message):
 
 
 @travels(priority=1, remote=True)
+class AttachInstance(Message):
+    """Have an instance go along with a link of the robot, as once it is grasped, or with another instance; with neither, have it
+    stand in the world. It stays where it is now. Refused while somebody else holds it, and where it would go along with itself.
+    """
+
+    name: Name
+    link: Annotated[str, Meta(max_length=128)] = ""
+    instance: Annotated[str, Meta(max_length=128)] = ""
+    by: By = ""
+
+
+@travels(priority=1, remote=True)
 class UndoEdit(Message):
     """Take back the last thing that this operator did to any instance; all of a drag under a hold is one.
 
@@ -117,7 +142,10 @@ class RedoEdit(Message):
 
 
 class InstanceEdit(Message):
-    """Answer to EditInstance, UndoEdit and RedoEdit. Fields: position, orientation, parameters.NAME, joints.NAME."""
+    """Answer to EditInstance, AttachInstance, UndoEdit and RedoEdit.
+
+    Fields: position, orientation, attachment, parameters.NAME, joints.NAME.
+    """
 
     name: str
     instance: InstanceState | None
@@ -161,7 +189,7 @@ class SetJoint(Message):
 
 @travels(priority=1, remote=True)
 class RemoveInstance(Message):
-    """Take an instance away. Refused while somebody else holds it."""
+    """Take an instance away. Refused while somebody else holds it, or another instance is attached to it."""
 
     name: Name
     by: By = ""

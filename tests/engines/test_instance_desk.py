@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import msgspec
+import numpy as np
+import pytest
+
 from affordance_templates.holds import HOLD_S
+from affordance_templates.placement import placed
 from engines.instance_desk import RATE, LatestAtMost
+from engines.link_poses import LinkPoses
+from engines.tip_poses import tip_poses
 from handrail import messages as m
+from handrail.robot import library as robots
 from tests.engines.conftest import HINGE
 
 
@@ -65,3 +73,36 @@ def test_edits_through_another_engine_are_merged_by_the_first(stack, second, wai
     assert second.call(m.ReleaseInstance(name="wheel_1", by="ben")).held_by == ""
     assert second.call(m.UndoEdit(by="ben")).instance.pose_in_world.position == tuple(HINGE.tolist())
     assert second.call(m.RedoEdit(by="ben")).fields == ["position"]
+
+
+def test_what_the_robot_carries_goes_along_with_its_measured_joints(stack, daemon, wait_until):
+    """The fake robot's `depth` is where its hand is along x."""
+
+    def hand(link):
+        now = stack.engine._services.daemon.measured()
+        return placed(np.array([now[0][1], 0, 0]), np.eye(3)) if link == "hand" and now else None
+
+    stack.place()
+    stack.engine._services.affordances.link_in_world = hand
+    assert "no link foot" in stack.refusal(m.AttachInstance(name="wheel_1", link="foot")).message
+    attached = stack.call(m.AttachInstance(name="wheel_1", link="hand", by="anna")).instance
+    plan = stack.call(m.MakePlan(instance="wheel_1", trajectory="turn"))
+    daemon.command = daemon.command + np.array([0.0, 0.01, 0.0])
+    went = stack.wait(lambda e: isinstance(e, m.InstanceState) and e.pose_in_world != attached.pose_in_world)
+    wait_until(lambda: stack.call(m.GetInstances()).instances[0].pose_in_world.position[0] > 0.5599)
+    assert went.version == attached.version == 2
+    assert stack.call(m.GetPlan(id=plan.id)).fresh, "it was not edited, and the robot is within its tolerance"
+
+
+def test_links_are_where_the_robots_joints_have_them():
+    robot = robots.load("talos_upper")
+    position, base = robot.home_position("ready"), None
+    poses = LinkPoses(robot, lambda: (position, base))
+    tip, _ = tip_poses(robot)(position, "right")
+    assert poses(robot.arms["right"].tip)[:3, 3] == pytest.approx(tip)
+    assert poses("no such link") is None and LinkPoses(robot, lambda: None)("base_link") is None
+    still = {"linear_velocity": (0, 0, 0), "angular_velocity": (0, 0, 0), "position_deviation": 0, "time_ns": 0}
+    base = m.Base(source="still", pose_in_world=m.Pose(position=(1.0, 2.0, 3.0)), orientation_deviation=0, **still)
+    assert poses(robot.arms["right"].tip)[:3, 3] == pytest.approx(tip + np.array([1.0, 2.0, 3.0]))
+    base = msgspec.structs.replace(base, source="none")
+    assert poses("base_link") is None

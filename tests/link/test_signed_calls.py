@@ -6,6 +6,7 @@ import shutil
 
 from handrail.link import keys
 from handrail.messages import (
+    AttachInstance,
     Challenge,
     CommandGripper,
     EditInstance,
@@ -44,7 +45,7 @@ def test_a_call_says_the_name_and_the_role_of_its_key_and_not_what_its_sender_wr
 def test_who_edits_instances_is_whose_key_it_is(stand, tmp_path):
     engine, _, _ = stand.engine(), stand.daemon(), stand.gate()
     client = stand.client()
-    for kind in (PlaceInstance, MoveInstance, SetParameters, EditInstance, RemoveInstance, HoldInstance,
+    for kind in (PlaceInstance, MoveInstance, SetParameters, EditInstance, AttachInstance, RemoveInstance, HoldInstance,
                  ReleaseInstance, UndoEdit, RedoEdit):  # fmt: skip
         given = {"name": "w", "template": "t", "pose_in_world": Pose(), "parameters": {}, "by": "somebody else"}
         client.call(kind(**{field: given[field] for field in kind.__struct_fields__ if field in given}))

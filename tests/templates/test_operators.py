@@ -293,7 +293,7 @@ def test_three_operators_converge_lose_no_field_and_never_undo_anothers(tmp_path
         before = values()
         try:
             if deed == "edit":
-                asked = fields.asked(EditInstance(name="w", **what))
+                asked = fields.asked(EditInstance(name="w", **what), server.get("w"))
                 server.edit(EditInstance(name="w", by=by, **what))
                 expected |= asked
                 writer |= dict.fromkeys(asked, by)

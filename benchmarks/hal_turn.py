@@ -8,7 +8,8 @@ Its parts follow one another without a gap, so that their means add up to the wh
 time is in whatever part it broke into. A hand-over is from the call that sends to the moment at which the other process has the
 frames: the system calls on both sides, the hub's passing on, and whatever sleep there was between. What either does behind its
 frames, while the other has its turn, costs wall time only where the other is done sooner: that is in the hand-over to it, and told
-by itself, too. Last, how often either went to sleep, and how often the kernel took its core from it.
+by itself, too. Last, how often either went to sleep, and how often another thread got its core, which it offers while it waits
+awake.
 """
 
 from __future__ import annotations
@@ -84,9 +85,9 @@ def account(loop: npt.NDArray[np.int64], plant: npt.NDArray[np.int64]) -> Accoun
     }
     switches = {
         "loop sleeps": then[:, LoopMark.SLEPT] - now[:, LoopMark.SLEPT],
-        "loop loses its core": then[:, LoopMark.OUSTED] - now[:, LoopMark.OUSTED],
+        "loop gives way": then[:, LoopMark.OUSTED] - now[:, LoopMark.OUSTED],
         "plant sleeps": there[1:, PlantMark.SLEPT] - there[:-1, PlantMark.SLEPT],
-        "plant loses its core": there[1:, PlantMark.OUSTED] - there[:-1, PlantMark.OUSTED],
+        "plant gives way": there[1:, PlantMark.OUSTED] - there[:-1, PlantMark.OUSTED],
     }
     return Account(then[:, LoopMark.HEARD] - now[:, LoopMark.HEARD], parts, behind, switches)
 

@@ -63,7 +63,7 @@ class LoopMark(enum.IntEnum):
     SLEPT = enum.auto()
     """no moment: how often this thread has gone to sleep so far"""
     OUSTED = enum.auto()
-    """no moment: how often the kernel has taken its core from it so far"""
+    """no moment: how often another thread has got its core while it could have run; it offers the core while it waits awake"""
 
 
 class PlantMark(enum.IntEnum):

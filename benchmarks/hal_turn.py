@@ -97,6 +97,8 @@ class Part(Row, kw_only=True):
 
     when: str
     """what the robot did meanwhile"""
+    p10: float
+    """what it takes where nothing breaks in, more or less"""
     p50: float
     p99: float
 
@@ -115,7 +117,7 @@ def show(console: Console, rows: Sequence[Part]) -> None:
     """A table for people."""
     table = Table()
     table.add_column("wall time, µs a turn")
-    for heading in ("mean", "share", "median", "p99"):
+    for heading in ("mean", "share", "p10", "median", "p99"):
         table.add_column(heading, justify="right")
     for part in rows:
         if part.name == _WHOLE:
@@ -128,8 +130,8 @@ def show(console: Console, rows: Sequence[Part]) -> None:
 
 def _figures(part: Part) -> tuple[str, ...]:
     if part.ratio is None:
-        return f"{part.value:.2f} ×", "", f"{part.p50:.0f} ×", f"{part.p99:.0f} ×"
-    return f"{part.value:.1f}", f"{part.ratio:.1%}", f"{part.p50:.1f}", f"{part.p99:.1f}"
+        return f"{part.value:.2f} ×", "", f"{part.p10:.0f} ×", f"{part.p50:.0f} ×", f"{part.p99:.0f} ×"
+    return f"{part.value:.1f}", f"{part.ratio:.1%}", f"{part.p10:.1f}", f"{part.p50:.1f}", f"{part.p99:.1f}"
 
 
 def _span(caller: Caller) -> tuple[int, int]:
@@ -155,7 +157,7 @@ def _parts(when: str, told: Account) -> list[Part]:
 
 
 def _part(when: str, name: str, each: npt.NDArray[Any], unit: str, share: float | None) -> Part:
-    p50, p99 = np.percentile(each, (50, 99)).round(2).tolist()
+    p10, p50, p99 = np.percentile(each, (10, 50, 99)).round(2).tolist()
     return Part(
         name=name,
         when=when,
@@ -164,6 +166,7 @@ def _part(when: str, name: str, each: npt.NDArray[Any], unit: str, share: float 
         goal="—",
         holds=True,
         ratio=None if share is None else round(share, 4),
+        p10=p10,
         p50=p50,
         p99=p99,
     )

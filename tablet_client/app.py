@@ -87,6 +87,7 @@ def _run(
     from PySide6.QtCore import QTimer
 
     from tablet_client import window
+    from tablet_client.guarding import StopGuard
     from tablet_client.session import Session
 
     def client() -> Client:
@@ -106,6 +107,10 @@ def _run(
     session = Session(client, opened.desk.inbox)
     opened.desk.serve(session)
     session.start()
+    guard = StopGuard(opened.window, address, own.folder, operator)
+    guard.pressed.connect(opened.desk.stop)
+    if shot is None:
+        guard.start()
 
     # Python sees a signal only when it runs: let it run now and then while Qt sleeps.
     signal.signal(signal.SIGINT, lambda *_: app.quit())
@@ -132,6 +137,7 @@ def _run(
     if shot is not None:
         QTimer.singleShot(round(after * 1000), smooth)
     app.exec()
+    guard.close()
     session.close(timeout=0.5)
     opened.close()
     return status

@@ -6,8 +6,7 @@ Five threads, none of which the window ever waits for:
   there; after an interruption it fetches the snapshot again.
 - *listener*: receives events, and tells the keeper when they began anew.
 - *caller*: sends the operator's calls, one after the other; *planner* those that may take long, so that none waits behind them.
-- *stopper*: sends STOP and nothing else, on a connection of its own, so that neither a call that waits for its answer nor a window
-  that draws nothing any more is in its way. It repeats until the robot answers.
+- *stopper*: sends STOP and nothing else, on a connection of its own (`stopper.py`).
 
 What they learn goes into the `Inbox`; `handrail.client` does the talking.
 """
@@ -46,11 +45,11 @@ from handrail.messages import (
     RobotInfo,
     RobotState,
     RunState,
-    Stop,
 )
 from handrail.topics import RefusedError
 from tablet_client.models import arrivals
 from tablet_client.models.arrivals import Inbox
+from tablet_client.stopper import Stopper
 
 _Answer = TypeVar("_Answer")
 
@@ -75,9 +74,6 @@ _LONG = (MakePlan, CheckTask)
 _HEARTBEAT = 1.0  # s
 _RETRY = 1.0  # s
 _TIMEOUT = 3.0  # s, of the keeper's calls
-_STOP_TIMEOUT = 0.7  # s, of one attempt
-_STOP_PAUSE = 0.2  # s, between attempts
-_STOP_ATTEMPTS = 15
 _MISSES = 2  # unanswered heartbeats before the engine counts as gone: it may be busy planning
 
 
@@ -98,14 +94,13 @@ class Session:
         """`heartbeat`, `retry`: s between questions while the robot answers, and between attempts while it does not."""
         self._inbox = inbox
         self._heartbeat, self._retry = heartbeat, retry
-        self._client, self._stop_client = connect(), connect()
+        self._client = connect()
+        self._stopper = Stopper(connect(), inbox.put)
         self._over = threading.Event()
         self._anew = threading.Event()
         self._nudge = threading.Event()
         self._calls: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         self._plans: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
-        self._stop_wanted = threading.Event()
-        self._stop_reason = ""
         self._threads = [
             threading.Thread(target=target, name=f"tablet-{name}", daemon=True)
             for name, target in (
@@ -113,23 +108,22 @@ class Session:
                 ("listener", self._listen),
                 ("caller", lambda: self._call(self._calls)),
                 ("planner", lambda: self._call(self._plans)),
-                ("stopper", self._stop),
             )
         ]
 
     def start(self) -> None:
         for thread in self._threads:
             thread.start()
+        self._stopper.start()
 
     def close(self, timeout: float = 2.0) -> None:
         """End the threads, waiting at most `timeout` s for each; a call that is still out there is abandoned."""
         self._over.set()
         self._calls.put(None)
         self._plans.put(None)
-        self._stop_wanted.set()
         self._nudge.set()
         self._client.close()
-        self._stop_client.close()
+        self._stopper.close(timeout)
         for thread in self._threads:
             thread.join(timeout)
 
@@ -139,8 +133,7 @@ class Session:
 
     def stop(self, reason: str) -> None:
         """Send STOP now, and again until it is answered. Returns at once, and never waits for another call."""
-        self._stop_reason = reason
-        self._stop_wanted.set()
+        self._stopper.stop(reason)
 
     # --------------------------------------------------------------------------------------------------------- keeper
 
@@ -215,26 +208,3 @@ class Session:
                 self._inbox.put(arrivals.CallFailed(call, str(error), refused=True))
             except (ConnectionError, OSError) as error:
                 self._inbox.put(arrivals.CallFailed(call, str(error), refused=False))
-
-    # -------------------------------------------------------------------------------------------------------- stopper
-
-    def _stop(self) -> None:
-        while self._stop_wanted.wait() and not self._over.is_set():
-            self._stop_wanted.clear()
-            self._send_stop()
-
-    def _send_stop(self) -> None:
-        """Send STOP until it is answered or hopeless."""
-        why = ""
-        for attempt in range(1, _STOP_ATTEMPTS + 1):
-            self._inbox.put(arrivals.StopProgress("sending", attempt, why))
-            try:
-                self._stop_client.call(Stop(reason=self._stop_reason), _STOP_TIMEOUT)
-            except (ConnectionError, OSError, RefusedError) as error:
-                why = str(error)
-                if self._over.wait(_STOP_PAUSE):
-                    return
-            else:
-                self._inbox.put(arrivals.StopProgress("answered", attempt))
-                return
-        self._inbox.put(arrivals.StopProgress("failed", _STOP_ATTEMPTS, why))

@@ -8,6 +8,11 @@ AbstractButton {
 
     property string progress: "" // "", sending, answered, failed
     property bool latched: false
+    // also what the guard's STOP over this one says (tablet_client/stop_guard.py)
+    readonly property color behind: Theme.panel
+    readonly property string said: progress === "sending" ? qsTr("sending …")
+        : progress === "failed" ? qsTr("NOT CONFIRMED")
+        : latched ? qsTr("is latched") : qsTr("Esc or Space")
 
     text: qsTr("STOP")
     objectName: "stop"
@@ -43,9 +48,7 @@ AbstractButton {
             }
             Text {
                 anchors.horizontalCenter: parent.horizontalCenter
-                text: button.progress === "sending" ? qsTr("sending …")
-                    : button.progress === "failed" ? qsTr("NOT CONFIRMED")
-                    : button.latched ? qsTr("is latched") : qsTr("Esc or Space")
+                text: button.said
                 color: "#ffd9d6"
                 font.pixelSize: Math.round(11.5 * Theme.scale)
                 font.weight: button.progress === "failed" ? Font.Bold : Font.Normal

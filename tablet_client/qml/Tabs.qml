@@ -39,7 +39,7 @@ Grid {
             contentItem: Item {
                 Text {
                     anchors.centerIn: parent
-                    width: parent.width
+                    width: parent.width - Theme.tight
                     horizontalAlignment: Text.AlignHCenter
                     fontSizeMode: Text.HorizontalFit
                     minimumPixelSize: 9

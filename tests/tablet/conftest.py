@@ -6,6 +6,7 @@ import os
 import queue
 import shutil
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -78,6 +79,7 @@ from handrail.messages import (
 )
 from handrail.robot import library as robots
 from handrail.topics import RefusedError, Unreachable
+from tests.tablet.behind import Behind
 from tests.tablet.shown import Shown
 
 WHEEL = Pose(position=(0.55, -0.35, 0.30))
@@ -389,6 +391,15 @@ def wait_until(holds: Callable[[], Any], seconds: float = 60.0, turn: Callable[[
 @pytest.fixture
 def robot() -> FakeRobot:
     return FakeRobot()
+
+
+@pytest.fixture
+def behind(robot: Any) -> Iterator[Behind]:
+    folder = Path(tempfile.mkdtemp(prefix="hr"))
+    made = Behind(robot, folder)
+    yield made
+    made.close()
+    shutil.rmtree(folder)
 
 
 @pytest.fixture

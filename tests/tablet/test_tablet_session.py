@@ -132,7 +132,7 @@ def test_stop_is_repeated_until_the_robot_answers(robot, attach, wait):
 
 
 def test_a_stop_that_nobody_answers_is_given_up_loudly(robot, attach, wait, monkeypatch):
-    monkeypatch.setattr("tablet_client.session._STOP_PAUSE", 0.001)
+    monkeypatch.setattr("tablet_client.stopper._PAUSE", 0.001)
     robot.reachable = False
     tablet = attach()
     tablet.session.stop("operator")

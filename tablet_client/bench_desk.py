@@ -10,6 +10,8 @@ from typing import Any
 from PySide6.QtCore import Property, QObject, Signal, Slot
 
 from handrail.messages import MakePlan, Message
+from tablet_client.models.bench import Bench
+from tablet_client.models.move import Move
 from tablet_client.models.quantities import in_unit
 from tablet_client.models.situation import Situation
 from tablet_client.models.view import View
@@ -63,23 +65,28 @@ class BenchDesk(QObject):
 
     # -------------------------------------------------------------------------------------------------------- fingers
 
+    @property
+    def _held(self) -> Bench | Move:
+        """Whose handle there is: the tool's target, where there is one, or the selected instance's."""
+        return self._bench if self._situation.move.target is None else self._situation.move
+
     @Slot(float, float, _MAP, result=str)
     def grasp(self, x: float, y: float, camera: dict[str, Any]) -> str:
         """A finger or the left button comes down on the scene: the handle's part that it is on."""
-        part = self._bench.grasp(_seen(camera), x, y)
+        part = self._held.grasp(_seen(camera), x, y)
         self._note_hot()
         return part
 
     @Slot(float, float, _MAP)
     def drag(self, x: float, y: float, camera: dict[str, Any]) -> None:
         """It moves, with a part of the handle."""
-        self._bench.drag(_seen(camera), x, y)
+        self._held.drag(_seen(camera), x, y)
         self._soon()
 
     @Slot()
     def release(self) -> None:
         """It is lifted."""
-        self._bench.release()
+        self._held.release()
         self._note_hot()
         self._soon()
 
@@ -267,8 +274,8 @@ class BenchDesk(QObject):
         return self._bench.edits.waiting
 
     def _note_hot(self) -> None:
-        if self._hot != self._bench.hot:
-            self._hot = self._bench.hot
+        if self._hot != self._held.hot:
+            self._hot = self._held.hot
             self.handleChanged.emit()
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
 
-from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, MakePlan, Message
+from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, Jog, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
 from tablet_client.library_desk import LibraryDesk
 from tablet_client.models.arrivals import Inbox
@@ -22,6 +22,7 @@ from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_
 from tablet_client.models.prompts import lets_go
 from tablet_client.models.quantities import in_unit, label, quantity
 from tablet_client.models.situation import Situation
+from tablet_client.move_desk import MoveDesk
 from tablet_client.rows import Rows
 from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
@@ -100,6 +101,7 @@ class Desk(QObject):
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
         self._library = LibraryDesk(situation, self._send, self._soon)
         self._signals = SignalsDesk(situation)
+        self._move = MoveDesk(situation, self._send, self._go, self._soon)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
@@ -125,6 +127,7 @@ class Desk(QObject):
         self._stage.changed.disconnect(self._soon)
         self._look.stop()
         self._ages.stop()
+        self._move.close()
 
     # ---------------------------------------------------------------------------------------------------------- views
 
@@ -139,6 +142,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def library(self) -> LibraryDesk:
         return self._library
+
+    @Property(QObject, constant=True)
+    def move(self) -> MoveDesk:
+        return self._move
 
     @Property(QObject, constant=True)
     def run(self) -> RunDesk:
@@ -219,6 +226,11 @@ class Desk(QObject):
             self._session.send(call)
             self._soon()
 
+    def _go(self, place: Jog) -> None:
+        """Send the robot somewhere by hand."""
+        if self._session is not None:
+            self._session.go(place)
+
     def _tell(self, call: Message) -> None:
         """Send what need not be shown as on its way: streams of edits are shown by what they edit."""
         if isinstance(call, MakePlan):
@@ -270,6 +282,7 @@ class Desk(QObject):
         self._bench.build()
         self._library.build()
         self._signals.build()
+        self._move.build()
         self._hands.show(self._build_hands())
         self._announce("_prompt", self._build_prompt(), self.promptChanged)
         self._announce("_ghost", self._build_ghost(), self.ghostChanged)

@@ -1,11 +1,12 @@
 """One connection to a robot: attaches early or late, survives the link going away, and keeps the network off the window's thread.
 
-Five threads, none of which the window ever waits for:
+Six threads, none of which the window ever waits for:
 
 - *keeper*: fetches the snapshot that a late client needs, then asks for the status once a second to know that the robot is still
   there; after an interruption it fetches the snapshot again.
 - *listener*: receives events, and tells the keeper when they began anew.
 - *caller*: sends the operator's calls, one after the other; *planner* those that may take long, so that none waits behind them.
+- *mover*: sends where the robot is to go by hand, the newest place only, and waits for no arrival.
 - *stopper*: sends STOP and nothing else, on a connection of its own (`stopper.py`).
 
 What they learn goes into the `Inbox`; `handrail.client` does the talking.
@@ -34,9 +35,11 @@ from handrail.messages import (
     GetStatus,
     Instances,
     InstanceState,
+    Jog,
     LogLine,
     MakePlan,
     Message,
+    PlanMotion,
     PlanPreview,
     PointCloud,
     Prompt,
@@ -70,7 +73,8 @@ EVENTS = (
     CodeChanged,
 )
 
-_LONG = (MakePlan, CheckTask)
+_LONG = (MakePlan, PlanMotion, CheckTask)
+_GONE = 0.08  # s after which a place sent by hand counts as taken: it is answered only when the robot is there
 _HEARTBEAT = 1.0  # s
 _RETRY = 1.0  # s
 _TIMEOUT = 3.0  # s, of the keeper's calls
@@ -101,6 +105,7 @@ class Session:
         self._nudge = threading.Event()
         self._calls: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         self._plans: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self._places: queue.SimpleQueue[Jog | None] = queue.SimpleQueue()
         self._threads = [
             threading.Thread(target=target, name=f"tablet-{name}", daemon=True)
             for name, target in (
@@ -108,6 +113,7 @@ class Session:
                 ("listener", self._listen),
                 ("caller", lambda: self._call(self._calls)),
                 ("planner", lambda: self._call(self._plans)),
+                ("mover", self._go),
             )
         ]
 
@@ -121,6 +127,7 @@ class Session:
         self._over.set()
         self._calls.put(None)
         self._plans.put(None)
+        self._places.put(None)
         self._nudge.set()
         self._client.close()
         self._stopper.close(timeout)
@@ -130,6 +137,10 @@ class Session:
     def send(self, call: Message) -> None:
         """Send a call; its answer, or why there is none, arrives in the inbox."""
         (self._plans if isinstance(call, _LONG) else self._calls).put(call)
+
+    def go(self, place: Jog) -> None:
+        """Send the robot somewhere by hand, in place of what was asked for before; a refusal arrives in the inbox."""
+        self._places.put(place)
 
     def stop(self, reason: str) -> None:
         """Send STOP now, and again until it is answered. Returns at once, and never waits for another call."""
@@ -208,3 +219,17 @@ class Session:
                 self._inbox.put(arrivals.CallFailed(call, str(error), refused=True))
             except (ConnectionError, OSError) as error:
                 self._inbox.put(arrivals.CallFailed(call, str(error), refused=False))
+
+    def _go(self) -> None:
+        while (place := self._places.get()) is not None:
+            while not self._places.empty():  # what has been overtaken is not sent
+                newer = self._places.get()
+                if newer is None:
+                    return
+                place = newer
+            try:
+                self._client.call(place, _GONE)
+            except RefusedError as error:
+                self._inbox.put(arrivals.CallFailed(place, str(error), refused=True))
+            except (ConnectionError, OSError):
+                pass  # it is on its way; whether the robot is there at all is the keeper's to find out

@@ -16,6 +16,7 @@ from tablet_client.models.hands import Hands
 from tablet_client.models.journal import Journal, Level
 from tablet_client.models.launch import Launch
 from tablet_client.models.link import Link
+from tablet_client.models.move import Move
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
 from tablet_client.models.robot import Robot
@@ -45,6 +46,7 @@ class Situation:
         self.clouds = Clouds()
         self.signals = Signals()
         self.hands = Hands()
+        self.move = Move()
         self.journal = Journal()
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
@@ -95,6 +97,10 @@ class Situation:
     def why_not_hand(self) -> str:
         """The same for sending a gripper somewhere."""
         return self._why_not_move() if self.link.attached else "no_robot"
+
+    def why_not_jog(self) -> str:
+        """The same for moving the robot by hand."""
+        return "program_runs" if self.task.status in ("running", "paused") else self.why_not_hand()
 
     def _why_not_move(self) -> str:
         status = self.robot.status
@@ -170,6 +176,8 @@ class Situation:
         self.launch.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.bench.edits.answered(item.call)
+        if isinstance(item.call, messages.PlanMotion):
+            self.move.planned()
 
     def _call_failed(self, item: arrivals.CallFailed) -> None:
         name = type(item.call).__name__
@@ -180,6 +188,8 @@ class Situation:
         self.launch.failed(item.call, item.why)
         self.deployments.failed(item.call, item.why)
         self.bench.edits.refused(item.call)
+        if isinstance(item.call, messages.Jog):
+            self.move.refused(item.why)
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
             return  # said beside the waypoints

@@ -67,6 +67,7 @@ Window {
                         { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
                         { name: "library", title: qsTr("Library"), mark: "" },
                         { name: "objects", title: qsTr("Objects"), mark: "" },
+                        { name: "move", title: qsTr("Move"), mark: "" },
                         { name: "signals", title: qsTr("Signals"), mark: "" },
                         { name: "robot", title: qsTr("Robot"), mark: "" },
                         { name: "journal", title: qsTr("History"), mark: "" },
@@ -75,6 +76,7 @@ Window {
                 TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
                 LibraryPanel { visible: tabs.page === "library"; Layout.fillWidth: true; Layout.fillHeight: true; onStarted: tabs.page = "task" }
                 ObjectsPanel { visible: tabs.page === "objects"; Layout.fillWidth: true; Layout.fillHeight: true }
+                MovePanel { visible: tabs.page === "move"; Layout.fillWidth: true; Layout.fillHeight: true }
                 SignalsPanel { visible: tabs.page === "signals"; Layout.fillWidth: true; Layout.fillHeight: true }
                 RobotPanel { visible: tabs.page === "robot"; Layout.fillWidth: true; Layout.fillHeight: true }
                 JournalPanel { visible: tabs.page === "journal"; Layout.fillWidth: true; Layout.fillHeight: true; clip: true }

@@ -15,7 +15,7 @@ from PySide6.QtGui import QQuaternion, QVector3D
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
 from handrail.config import ConfigError
-from handrail.messages import InstanceState, Pose
+from handrail.messages import InstanceState, Pose, RobotInfo
 from handrail.robot.description import RobotDescription
 from tablet_client.models import handle
 from tablet_client.models.bench import Bench
@@ -136,7 +136,7 @@ class Stage(QObject):
         if info is not None and info.name != self._asked:
             self._load(info.name)
         moved = self._show_instances(situation.bench.shown())
-        moved |= self._show_bench(situation.bench)
+        moved |= self._show_bench(situation.bench, situation.move.target)
         moved |= self._show_clouds(situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
@@ -148,14 +148,21 @@ class Stage(QObject):
             self.changed.emit()
             moved = True
         position, base = self._ordered(info.joints, state.position), _matrix(state.base_in_world)
-        pose = (self._robot, plans.shown, plans.time)
+        self._meet(situation, info)
+        by_hand = situation.move.posture
+        pose = (self._robot, plans.shown, plans.time, situation.move.stamp)
         still = np.abs(base - self._drawn_base).max() < _BASE_STILL
         if pose == self._drawn_pose and still and np.abs(position - self._drawn_position).max() < _STILL:
             return moved
         self._drawn_pose, self._drawn_position, self._drawn_base = pose, position, base
         poses = base @ self._robot.chain.poses(position)
         self._bodies.pose(poses)
-        self._show_ghost(situation, position, poses)
+        if by_hand is None:
+            self._show_ghost(situation, position, poses)
+        else:
+            self._tell_ghost(True, not situation.move.reached)
+            self._draw_trail(None, ())
+            self._place_ghost(by_hand, poses)
         return True
 
     def solids(self) -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -228,6 +235,17 @@ class Stage(QObject):
         self._progress = done / max(of, 1)
         self.changed.emit()
 
+    def _meet(self, situation: Situation, info: RobotInfo) -> None:
+        """Tell what is moved by hand which robot there is, and where it is commanded to be."""
+        robot, state = self._robot, situation.robot.state
+        assert robot is not None and state is not None
+        lower, upper, pace = (
+            self._ordered(info.joints, each) for each in (info.lower, info.upper, info.velocity_limit)
+        )
+        situation.move.meet(robot, robot.chain, robot.tips, robot.arm_joints, (lower, upper, pace))
+        command = self._ordered(info.joints, state.command)
+        situation.move.stands(command, _matrix(state.base_in_world), situation.robot.moving)
+
     def _ordered(self, joints: list[str], position: list[float]) -> np.ndarray:
         """The robot's position in the order of the drawn chain."""
         assert self._robot is not None
@@ -241,19 +259,26 @@ class Stage(QObject):
         track, plan = plans.track, plans.shown
         assert robot is not None
         shown, stale = plan is not None, plan is not None and not plan.fresh
-        if (shown, stale) != (self._ghost_shown, self._ghost_stale):
-            self._ghost_shown, self._ghost_stale = shown, stale
-            self.changed.emit()
+        self._tell_ghost(shown, stale)
         if plan is None or track is None:
             self._ghost.hide()
             self._draw_trail(None, ())
             return
-        ghost = self._drawn_base @ robot.chain.poses(track.posture(robot.chain.joints, position, plans.time))
+        self._place_ghost(track.posture(robot.chain.joints, position, plans.time), poses)
+        base = self._drawn_base[:3].round(2).ravel().tolist()  # a trail costs many poses: only where it is seen to move
+        self._draw_trail(track, (plan.id, stale, track, *base), position)
+
+    def _tell_ghost(self, shown: bool, stale: bool) -> None:
+        if (shown, stale) != (self._ghost_shown, self._ghost_stale):
+            self._ghost_shown, self._ghost_stale = shown, stale
+            self.changed.emit()
+
+    def _place_ghost(self, posture: np.ndarray, poses: np.ndarray) -> None:
+        assert self._robot is not None
+        ghost = self._drawn_base @ self._robot.chain.poses(posture)
         moved = np.linalg.norm(ghost[:, :3, 3] - poses[:, :3, 3], axis=1) > _APART
         cosine = (np.einsum("bij,bij->b", ghost[:, :3, :3], poses[:, :3, :3]) - 1) / 2
         self._ghost.pose(ghost, moved | (np.arccos(np.clip(cosine, -1, 1)) > _TURNED))
-        base = self._drawn_base[:3].round(2).ravel().tolist()  # a trail costs many poses: only where it is seen to move
-        self._draw_trail(track, (plan.id, stale, track, *base), position)
 
     def _draw_trail(self, track: Track | None, key: tuple[object, ...], position: np.ndarray | None = None) -> None:
         if key == self._drawn_trail:
@@ -323,16 +348,16 @@ class Stage(QObject):
 
     # ---------------------------------------------------------------------------------------------------------- bench
 
-    def _show_bench(self, bench: Bench) -> bool:
-        """The handle and the waypoints of the selected instance. True when something changed."""
-        pose, waypoints = bench.pose, bench.waypoints
+    def _show_bench(self, bench: Bench, target: np.ndarray | None) -> bool:
+        """The handle, of the tool's target or of the selected instance, and that one's waypoints. True when something changed."""
+        pose, waypoints = bench.pose if target is None else target, bench.waypoints
         key: tuple[object, ...] = (bench.selected, None if pose is None else pose.tobytes(), bench.chosen)
         key += tuple((each.name, each.reach.state if each.reach else "") for each in waypoints)
         key += tuple(each.pose.tobytes() for each in waypoints)
         if key == self._marked:
             return False
         self._marked = key
-        self._selected = "" if pose is None else bench.selected
+        self._selected = "" if pose is None else bench.selected or "target"
         if pose is not None:
             self._handle, self._handle_turn = placed(pose)
         states = [each.reach.state if each.reach else "" for each in waypoints]

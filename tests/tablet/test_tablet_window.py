@@ -42,6 +42,7 @@ REASONS = [
     *("no_program_chosen", "loading", "unbound", "nothing_fits", "bad_parameter"),
     *("already_paused", "not_paused", "not_running", "run_over", "run_under_way", "no_state", "plan_missing", "stale"),
     *(f"stale_{cause}" for cause in get_args(StaleCause)),
+    *("planning", "nothing_to_plan", "beyond_reach", "at_limit"),
 ]
 JOURNAL = [
     *("attached", "detached", "engine_attached", "engine_detached", "refused", "unanswered", "log", "action_ended"),
@@ -509,7 +510,7 @@ def test_a_decision_with_all_its_figures_and_a_long_reason_leaves_every_control_
         asking.until(lambda control=control: control.mapToScene(control.boundingRect().bottomRight()).y() <= 640)
 
 
-@pytest.mark.parametrize("page", ["task", "library", "objects", "robot", "journal"])
+@pytest.mark.parametrize("page", ["task", "library", "objects", "move", "robot", "journal"])
 def test_every_control_of_every_page_is_large_enough_for_a_finger_and_has_a_name(asking, page):
     asking.drawn().desk.bench.select("wheel_1")
     asking.until(lambda: asking.item("contextBar").isVisible())

@@ -30,6 +30,7 @@ VERBS = [
     "node",
     "learn",
     "template",
+    "instance",
     "robot",
     "jog",
     "home",

@@ -56,6 +56,7 @@ def children(
     clock: Clock,
     runtime: Runtime,
     port: int,
+    bind: str = "127.0.0.1",
     engine: bool = True,
     engines: Sequence[str] = (),
     code: Path | None = None,
@@ -112,7 +113,7 @@ def children(
             what = ("engines.engine", "--robot", robot, *place, *own, *kept)
             processes.append(Child(name, (*python, *what), after=("server",)))
     if link:
-        processes.append(Child("link", (*python, "handrail.link.gate", *place, "--port", str(port))))
+        processes.append(Child("link", (*python, "handrail.link.gate", *place, "--port", str(port), "--bind", bind)))
     if camera and simulated and description.cameras:
         # Last, and nobody waits for it: it looks at a plant that may come and go.
         what = ("--scene", _checked_scene(scene), *robot_and_clock)
@@ -226,6 +227,9 @@ def up(
     runtime: Annotated[
         Path | None, typer.Option(help="Folder where the robot's processes meet (default: yours).")
     ] = None,
+    bind: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address that the link listens on; *: every interface.")
+    ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=1, max=65534, help="TCP port of the link; events go out on the next.")
     ] = 47800,
@@ -274,6 +278,7 @@ def up(
             clock=clock,
             runtime=place,
             port=port,
+            bind=bind,
             engine=engine,
             engines=further_engines(engines),
             code=code,

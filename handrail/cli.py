@@ -41,6 +41,7 @@ _VERBS = {
     "deploy": "Bring a program, with all that it needs, to an engine of the robot that is up.",
     "deployments": "Which code the robot's engines have, since when, by whom, and whether it is yours; the way back.",
     "watch": "Events of the robot that is up: which, which of their fields, how often.",
+    "pair": "Let another machine's client in, by a code that the robot shows; or join the robot that shows one.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
     "template": "Affordance templates: list, show, check, draw, begin, import, teach them; run one that is placed.",
     "node": "Process nodes: list, try, run them without an engine; start, watch, stop those of the robot that is up.",

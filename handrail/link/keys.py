@@ -11,9 +11,10 @@ One folder holds them, ``$HANDRAIL_KEYS`` or ``handrail/keys`` under ``$XDG_CONF
                         other machines' engines, which may command the robot. This folder's own client.key is a developer's
                         wherever it lies
 
-The first run on a machine makes all of them, with this user's client allowed. To let another machine in, copy its
-``client.key`` to the robot as ``allowed/NAME.key`` and the robot's ``server.key`` to it; the gate reads ``allowed`` at every
-handshake, so nothing has to be restarted. Files are ZeroMQ certificates (``zmq.auth``).
+The first run on a machine makes all of them, with this user's client allowed. To let another machine in, pair the two
+(``handrail pair``, `handrail.link.pairing`), or copy its ``client.key`` to the robot as ``allowed/NAME.key`` and the robot's
+``server.key`` to it; the gate reads ``allowed`` at every handshake, so nothing has to be restarted. Files are ZeroMQ certificates
+(``zmq.auth``).
 """
 
 from __future__ import annotations
@@ -133,6 +134,32 @@ def for_gate(folder: Path | str | None = None) -> GateKeys:
     folder = ensure(folder)
     public, secret = _pair(folder, "server")
     return GateKeys(public=public, secret=secret, allowed=folder / _ALLOWED)
+
+
+def file_for(gate: GateKeys, name: str, role: Role) -> Path:
+    """Where a client's public key lies that is let in under a name, as what."""
+    folder = next(folder for folder, each in _ROLES.items() if each == role)
+    return gate.allowed / folder / f"{name}.key"
+
+
+def allow(file: Path, public: bytes) -> None:
+    """Let a client's public key (Z85) in: its certificate is written to `file` in one step."""
+    file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _write(file, public)
+
+
+def trust(folder: Path, server: bytes) -> None:
+    """Take a robot's public key (Z85) for the one that is talked to; another one that was there is kept beside it."""
+    file = folder / "server.key"
+    if file.exists() and _public(file) != server:
+        file.replace(file.with_name("server.key.before"))
+    _write(file, server)
+
+
+def _write(file: Path, public: bytes) -> None:
+    fresh = file.with_name(f".{file.name}.{os.getpid()}")
+    fresh.write_text(f'metadata\ncurve\n    public-key = "{public.decode()}"\n', encoding="ascii")
+    fresh.replace(file)
 
 
 def _pair(folder: Path, name: str) -> tuple[bytes, bytes]:

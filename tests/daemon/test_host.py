@@ -65,7 +65,7 @@ def test_a_simulated_robot_gets_plant_loop_server_engine_link_and_camera_in_this
         "loop": f"-m daemon.loop --robot talos_upper --clock lockstep {where}",
         "server": f"-m daemon.server --robot talos_upper --clock lockstep {where}",
         "engine": f"-m engines.engine --robot talos_upper {where}",
-        "link": f"-m handrail.link.gate {where} --port 47800",
+        "link": f"-m handrail.link.gate {where} --port 47800 --bind 127.0.0.1",
         "camera": f"-m hal.plant.camera --scene valve --robot talos_upper --clock lockstep {where}",
     }
     assert next(child for child in made if child.name == "loop").bound_to == ("plant",)

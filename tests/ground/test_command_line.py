@@ -39,6 +39,7 @@ VERBS = [
     "replay",
     "bench",
     "campaign",
+    "pair",
 ]
 
 

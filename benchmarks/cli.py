@@ -16,7 +16,8 @@ import benchmarks
 from benchmarks.rows import show
 
 _NOT_BENCHMARKS = {
-    "cli", "deploying", "engines_peer", "peers", "planning_peers", "rows", "sea_pictures", "turn_marks", "wake_ups", "wbc_peers",
+    "cli", "deploying", "engines_peer", "peers", "planning_peers", "rows", "sea_pictures", "tablet_peer",
+    "tablet_scene", "turn_marks", "wake_ups", "wbc_peers",
 }  # fmt: skip
 
 

@@ -38,8 +38,8 @@ _TURNED = 0.02  # rad
 # A robot that holds still trembles by its sensors' noise: less than this (a tenth of a millimetre at the hand) is not drawn anew.
 _STILL = 1.5e-4  # rad
 _BASE_STILL = 2e-4  # m, and of its axes
-_POINT = 0.005  # m, as cameras thin their clouds out
-_MOST_POINTS = 15_000
+POINT = 0.005  # m, as cameras thin their clouds out
+MOST_POINTS = 15_000
 DIFFERS = "differs"
 _LIST: Any = "QVariantList"  # PySide takes the names of Qt's types; its stubs do not
 
@@ -314,7 +314,7 @@ class Stage(QObject):
                 geometry = self._clouds.geometry(row)
                 assert isinstance(geometry, CloudGeometry)
                 points = picture.points
-                geometry.show(solids.cloud(points.positions, points.colours, _POINT, _MOST_POINTS))
+                geometry.show(solids.cloud(points.positions, points.colours, POINT, MOST_POINTS))
         self._drawn_clouds = dict(seen)
         return True
 

@@ -39,8 +39,17 @@ def location(scope: str, variable: str) -> str:
 class ProgramEvaluator(RestrictedEvaluator):
     """Expressions by an AST allow-list: no calls, no private attributes, no scripts, no files."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._compiled: dict[str, Callable[..., Any]] = {}
+
     def compile_value(self, expr: str) -> Callable[..., Any]:
         """Raises InvalidDefinition where the expression is not allowed."""
+        if expr not in self._compiled:
+            self._compiled[expr] = self._read(expr)
+        return self._compiled[expr]
+
+    def _read(self, expr: str) -> Callable[..., Any]:
         scope, _, expression = expr.rpartition(_MARK)
         try:
             return parse_expr(_states_within(scope, expression) if scope else expression, _Names(scope))

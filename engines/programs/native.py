@@ -15,7 +15,6 @@ from engines.programs.check import STOPPED, takes
 from engines.programs.expressions import FAILED_IN, location, within
 from engines.programs.program import AUTONOMY, Program, State, Transition
 
-INVOKE_TYPE = "handrail"
 STOP = "handrail.stop"
 TAKE = "handrail.take"
 AFTER = "handrail.after"
@@ -78,8 +77,6 @@ def _state(state: State, initial: Mapping[str | None, str], first: bool, several
             }
             for name, ways in state.history.items()
         }
-    if state.file.do and state.called is None:
-        native["invoke"] = [{"type": INVOKE_TYPE, "id": state.id}]
     return native
 
 

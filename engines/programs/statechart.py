@@ -1,4 +1,4 @@
-"""A program as a running statechart: python-statemachine gives SCXML's semantics, `do:` becomes an `invoke` of a type of our own.
+"""A program as a running statechart: python-statemachine gives SCXML's semantics, what states `do:` is `engines.programs.doing`'s.
 
 The machine is driven by one thread. Activities run in threads of theirs and only post events, so that a macrostep is never entered
 from two sides, and none is lost between the end of one macrostep and the next.
@@ -7,22 +7,19 @@ from two sides, and none is lost between the end of one macrostep and the next.
 from __future__ import annotations
 
 import functools
-import logging
 import queue
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any
 
-from statemachine.invoke import InvokeContext
 from statemachine.io.interpreter import Interpreter
-from statemachine.io.model import InvokeDefinition
 from statemachine.io.native import native_dict_to_definition
 from statemachine.io.yaml.reader import YAMLReader
 
-from engines.activities.base import Activity, ActivityFailed
+from engines.activities.base import Activity
 from engines.programs import native
 from engines.programs.check import STOPPED
+from engines.programs.doing import Doing, Event
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.native import AFTER, ALLOW, RETRY, STOP, TAKE
 from engines.programs.program import AUTONOMY, RETRIES, Program, State
@@ -31,24 +28,12 @@ from engines.runs.autonomy import Question
 from engines.runs.clock import RunClock
 from engines.runs.gate import RunGate
 from engines.runs.history import RunHistory
-from handrail.topics import Unreachable
 
 _FOR_GOOD = frozenset({"bad_argument", "cancelled", "crashed", "refused", "stopped", "taken_over"})
 """reasons of failures that another attempt would not change, or that somebody wants"""
-_log = logging.getLogger(__name__)
 
 Make = Callable[[State, Mapping[str, Any]], Activity]
 """state, its activity's argument values → the activity"""
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened, for the machine."""
-
-    name: str
-    data: Mapping[str, Any] = field(default_factory=dict)
-    left: threading.Event | None = None
-    """set once the visit of a state that it is about has ended: then nothing follows, even where the state is active anew"""
 
 
 class Chart(Interpreter):
@@ -91,8 +76,7 @@ class Chart(Interpreter):
         self._timeouts: dict[str, list[Callable[[], None]]] = {}
         self._visits: dict[str, threading.Event] = {}
         """active state → set when it is left"""
-        self._invokers: list[_ActivityInvoker] = []
-        self.abandoned = False
+        self._doing = Doing(self)
         start_at = tuple(start_at)
         self._scopes = Scopes(program, evaluator, names)
         self._scopes.own.data.when_asked(self._asks)
@@ -113,6 +97,7 @@ class Chart(Interpreter):
     def begin(self) -> None:
         """Enter the initial states."""
         self._machine = self.scs[self.program.name](model=self._scopes.own.data, listeners=[self])
+        self._doing.begin()
         self._scopes.keep_restored(frozenset())
 
     def step(self, timeout_s: float | None = None) -> bool:
@@ -123,6 +108,7 @@ class Chart(Interpreter):
             return False
         if event.left is None or not event.left.is_set():
             self._machine.send(event.name, **event.data)
+            self._doing.begin()
         return True
 
     @property
@@ -189,16 +175,9 @@ class Chart(Interpreter):
 
     def abandon(self) -> None:
         """The machine itself can't go on: cancel what its states do."""
-        self.abandoned = True
-        for invoker in self._invokers:
-            invoker.abandon()
+        self._doing.abandon()
 
     # ---------------------------------------------------------------------------------------- called by python-statemachine
-
-    def make_invoker(self, invoke_def: InvokeDefinition) -> Any:
-        """An activity for our own type of invoke; nothing else is invoked."""
-        self._invokers.append(_ActivityInvoker(self, self._by_id[invoke_def.id or ""]))
-        return self._invokers[-1]
 
     def before_transition(self, event_data: Any) -> None:
         """Keeps the last failure's words where expressions find them, as `failure`: an activity's, or an expression's own."""
@@ -248,6 +227,8 @@ class Chart(Interpreter):
             self._history.entered(state.id)
         if found.called is not None:
             self._begin_program(found)
+        elif found.file.do:
+            self._doing.entered(found, self._visits[state.id])
         elif found.file.final and found.parent is not None and found.parent.called is not None:
             self._end_program(found.parent, found)
         for k, way in enumerate(found.transitions):
@@ -303,6 +284,7 @@ class Chart(Interpreter):
             take_back()
         if (left := self._visits.pop(state.id, None)) is not None:
             left.set()
+            self._doing.left(left)
         self._withdraw(state.id)
         found, name = self._by_id.get(state.id), str(event or "")
         if found is not None and found.file.retry:
@@ -332,82 +314,6 @@ class Chart(Interpreter):
         around = [each.id for each in state.lineage() if each.id in self._fresh]
         self._fresh.difference_update(around)
         return self.gate.admit(state.id, cancelled, within=around)
-
-
-class _ActivityInvoker:
-    """What python-statemachine runs (in a thread of its own) when a state with `do:` is entered, and cancels when it is left.
-
-    There is one for all visits of a state: an activity that ends slowly may still run when the state is entered anew.
-    """
-
-    def __init__(self, chart: Chart, state: State):
-        self._chart, self._state = chart, state
-        self.invoke_id, self.idlocation, self.autoforward = state.id, None, False
-        self._lock = threading.Lock()
-        self._running: dict[threading.Event, Activity | None] = {}
-        """each visit's cancellation → its activity, once that was made"""
-
-    def run(self, ctx: InvokeContext) -> None:
-        """Do the activity and post how it ended; returns when the state is left, so that the machine hears of it only once."""
-        with self._lock:
-            self._running[ctx.cancelled] = None
-        if self._chart.abandoned:
-            ctx.cancelled.set()
-        event = self._outcome(ctx)
-        self._chart.post(replace(event, left=ctx.cancelled))
-        ctx.cancelled.wait()
-
-    def _outcome(self, ctx: InvokeContext) -> Event:
-        source = self._state.id
-        try:
-            while True:
-                try:
-                    return Event(f"done.invoke.{source}", self._carry_out(ctx))
-                except ActivityFailed as failed:
-                    if failed.reason not in self._chart.outlasts or ctx.cancelled.is_set():
-                        raise
-                    self._chart.gate.shut(f"{failed}; {source} begins anew when the run goes on")
-        except ActivityFailed as failed:
-            return self._chart.failure(self._state, failed.reason, str(failed))
-        except Exception as crash:  # noqa: BLE001
-            # A defect in an activity must end the program by its own failure path, not leave it waiting for ever.
-            _log.exception("activity %s of state %s crashed", self._state.file.do, source)
-            text = f"{self._state.file.do} crashed: {type(crash).__name__}: {crash}"
-            return Event("error.execution", {"message": text, "reason": "crashed", "_source": source})
-        finally:
-            with self._lock:
-                del self._running[ctx.cancelled]
-
-    def _carry_out(self, ctx: InvokeContext) -> dict[str, Any]:
-        """Do the activity, once it may begin; its outputs. Raises ActivityFailed."""
-        if not self._chart.admit(self._state, ctx.cancelled):
-            raise ActivityFailed("cancelled", f"{self._state.id} was left before it began")
-        activity = self._chart.make_activity(self._state)
-        with self._lock:
-            self._running[ctx.cancelled] = activity
-        if ctx.cancelled.is_set():
-            activity.cancel()
-        return activity.run()
-
-    def on_cancel(self) -> None:
-        """Called by the driving thread after the state was left."""
-        self._chart.gate.wake()
-        with self._lock:
-            over = [activity for cancelled, activity in self._running.items() if cancelled.is_set() and activity]
-        for activity in over:
-            if activity.cancelled.is_set():
-                continue
-            try:
-                activity.cancel()
-            except Unreachable as silent:
-                _log.warning("state %s: %s", self._state.id, silent)
-
-    def abandon(self) -> None:
-        """Cancel what runs, though the machine does not leave the state."""
-        with self._lock:
-            for cancelled in self._running:
-                cancelled.set()
-        self.on_cancel()
 
 
 def _told(event: str) -> str:

@@ -1,4 +1,5 @@
-"""What a template costs while it is dragged: ``handrail bench templates``. Its reachability: `benchmarks.template_reach`.
+"""What a template costs while it is dragged: ``handrail bench templates``. Its reachability:
+`benchmarks.template_reach`; what it costs the link: `benchmarks.template_traffic`.
 
 Expanded while a parameter of it is: every expression, joint, shape, feature and waypoint anew, with values that change each time;
 CPU time of one core, the median.
@@ -12,7 +13,7 @@ import time
 
 from affordance_templates import catalogue
 from affordance_templates.template_file import Template
-from benchmarks import template_reach
+from benchmarks import template_reach, template_traffic
 from benchmarks.rows import Row
 
 _ROUNDS = 100
@@ -20,8 +21,8 @@ _MOST_MS = 5.0
 
 
 def rows() -> list[Row]:
-    """One a template of the library, and how often reachability is told."""
-    return [*expansions(), *template_reach.rows()]
+    """One a template of the library, how often reachability is told, and what placed templates cost the link."""
+    return [*expansions(), *template_reach.rows(), *template_traffic.rows()]
 
 
 def expansions() -> list[Row]:

@@ -2,7 +2,8 @@
 
 A waypoint is reached where there is a posture with room to all limits, near one where there is only one without. Each is looked for
 from where it was found last, then from the waypoint before it: of an instance that is dragged that is a step or two of the solver.
-What is near or not found that way may be found from elsewhere, which takes longer (`settle`).
+What is near or not found that way may be found from elsewhere, which takes longer (`settle`). A stroke may enter anywhere about its
+joint: what is told is of the arc on which most of it is reached, and another one is looked at as long as that is not all.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from affordance_templates.binding import bind
@@ -25,7 +27,10 @@ from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Answer, Measure
 from engines.planning.motion import Motion
 from engines.planning.motion_planner import MotionPlanner
+from engines.planning.plan import Infeasible
 from engines.planning.planners import Planners
+from engines.planning.strokes.stroke import ARCS
+from engines.planning.strokes.visit import Visit
 from handrail.messages import Base, KeyFrame, PlanMotion, WaypointReach
 from handrail.robot.description import RobotDescription
 
@@ -39,6 +44,8 @@ _GOAL, _LIMITS, _CLEARANCE = "goal", "joint limits", "clearance"
 _STARTS, _ROUNDS = 4, 4
 """configurations that a round begins from; rounds until a waypoint counts as not reached"""
 _WORLDS = 4
+_SETTLED_ARCS = 2
+"""places of a stroke that are looked into from elsewhere, those that look best"""
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,16 @@ class Question:
     position: Array
     """(n,) rad, of all joints: those that don't belong to the arm stay there"""
     base: Base | None = None
+
+
+@dataclass(frozen=True)
+class _Arc:
+    """A place of a stroke."""
+
+    centre: float | None
+    """rad about the entry's joint; None: not a stroke, there is but one place"""
+    angles: tuple[float, ...]
+    """rad, by which each waypoint is turned about that joint"""
 
 
 @dataclass(frozen=True)
@@ -83,7 +100,9 @@ class Reachability:
     def __init__(self, planners: Planners, description: RobotDescription):
         self._planners, self._description = planners, description
         self._found: dict[tuple[object, ...], dict[str, tuple[WaypointReach, Array]]] = {}
-        """instance, trajectory, arm, who plans → waypoint → what was told of it and the posture (nq,)"""
+        """instance, trajectory, arm, arc, who plans → waypoint → what was told of it and the posture (nq,)"""
+        self._chosen: dict[tuple[str, str, str], int] = {}
+        """instance, trajectory, arm → the arc that is told of, where there are several"""
         self._quick = 0
         """how often it was asked"""
         self._worlds: dict[tuple[object, ...], World] = {}
@@ -91,11 +110,23 @@ class Reachability:
 
     def quick(self, question: Question) -> list[WaypointReach]:
         """From what was found last. Raises ValueError naming field, value and expectation."""
-        planner, waypoints, here = self._read(question)
-        key = _key(question, planner)
+        arcs = self._arcs(question)
+        self._quick += 1
+        chosen = self._chosen.get(_about(question), 0) % len(arcs)
+        told = self._quick_on(question, arcs[chosen])
+        if len(arcs) > 1 and _score(told) < len(told):  # one other at a time
+            other = (chosen + 1 + self._quick % (len(arcs) - 1)) % len(arcs)
+            tried = self._quick_on(question, arcs[other])
+            if _score(tried) > _score(told):
+                chosen, told = other, tried
+        self._chosen[_about(question)] = chosen
+        return told
+
+    def _quick_on(self, question: Question, arc: _Arc) -> list[WaypointReach]:
+        planner, waypoints, here = self._read(question, arc)
+        key = _key(question, arc, planner)
         before = self._found.get(key, {})
         found: dict[str, tuple[WaypointReach, Array]] = {}
-        self._quick += 1
         for number, waypoint in enumerate(waypoints):
             told, start = before.get(waypoint.name, (None, here))
             best = self._try(planner, waypoint, start, roomy_first=told is None or told.state == "reached")
@@ -105,15 +136,40 @@ class Reachability:
             found[waypoint.name] = best
             here = best[1] if best[0].state != "not" else here
         self._found[key] = found
-        return [told for told, _ in found.values()]
+        return _with_angles(arc, [told for told, _ in found.values()])
 
     def settle(self, question: Question, cancelled: Callable[[], bool]) -> list[WaypointReach] | None:
         """After `quick`, of the same question: what is near or not reached is looked for from elsewhere, too.
 
         None when it was cancelled. Raises ValueError.
         """
-        planner, waypoints, _ = self._read(question)
-        found = self._found[_key(question, planner)]
+        arcs = self._arcs(question)
+        if len(arcs) == 1:
+            return self._settle_on(question, arcs[0], cancelled)
+        told = self._quick_on(question, arcs[self._chosen.get(_about(question), 0) % len(arcs)])
+        if _score(told) >= len(told):
+            return told
+        scores: list[tuple[float, int]] = []
+        for number, arc in enumerate(arcs):
+            if cancelled():
+                return None
+            scores.append((_score(self._quick_on(question, arc)), number))
+        best: tuple[float, int, list[WaypointReach]] | None = None
+        for _, number in sorted(scores, key=lambda one: (-one[0], one[1]))[:_SETTLED_ARCS]:
+            settled = self._settle_on(question, arcs[number], cancelled)
+            if settled is None:
+                return None
+            if best is None or _score(settled) > best[0]:
+                best = _score(settled), number, settled
+            if best[0] >= len(settled):
+                break
+        assert best is not None
+        self._chosen[_about(question)] = best[1]
+        return best[2]
+
+    def _settle_on(self, question: Question, arc: _Arc, cancelled: Callable[[], bool]) -> list[WaypointReach] | None:
+        planner, waypoints, _ = self._read(question, arc)
+        found = self._found[_key(question, arc, planner)]
         for number, waypoint in enumerate(waypoints):
             for seed in range(_ROUNDS):
                 told, posture = found[waypoint.name]
@@ -130,28 +186,45 @@ class Reachability:
             told, posture = found[waypoint.name]
             if told.state == "not":
                 found[waypoint.name] = self._why(planner, waypoint, posture), posture
-        return [found[waypoint.name][0] for waypoint in waypoints]
+        return _with_angles(arc, [found[waypoint.name][0] for waypoint in waypoints])
 
     def forget(self) -> None:
         """As if nothing had been asked yet."""
         self._found.clear()
+        self._chosen.clear()
 
     # ------------------------------------------------------------------------------------------------------- the question
 
-    def _read(self, question: Question) -> tuple[MotionPlanner, list[_Waypoint], Array]:
+    def _arcs(self, question: Question) -> list[_Arc]:
+        """Where a trajectory may be gone along: one without an entry in one place, a stroke about its joint in several."""
+        instance = _instance(question)
+        found = instance.resolve().trajectories.get(question.trajectory)
+        if found is None or found.entry is None:
+            return [_Arc(None, ())]
+        visit, arcs, why = Visit(instance, question.trajectory), list[_Arc](), ""
+        for centre in visit.arc_centres(ARCS).tolist():
+            try:
+                arcs.append(_Arc(centre, tuple(visit.angles(centre))))
+            except Infeasible as problem:
+                why = str(problem)
+        if not arcs:
+            raise ValueError(f"trajectory: {question.trajectory} has no place about its joint: {why}")
+        return arcs
+
+    def _read(self, question: Question, arc: _Arc) -> tuple[MotionPlanner, list[_Waypoint], Array]:
         """Who solves it, each waypoint's question, and the posture (nq,) in which the robot is."""
-        instance = next((each for each in question.instances if each.name == question.instance), None)
-        if instance is None:
-            known = ", ".join(each.name for each in question.instances) or "none placed yet"
-            raise ValueError(f"instance: got {question.instance!r}; expected one of {known}")
+        instance = _instance(question)
         found = instance.resolve().trajectories.get(question.trajectory)
         hands = {} if found is None or not question.arm else {found.hand: question.arm}
         bound = bind(instance, question.trajectory, self._description, hands)
         assert found is not None
-        if found.entry is not None:
-            raise ValueError(
-                f"trajectory: {question.trajectory} is a stroke, whose place is planned: RankChoices tells where it can go"
-            )
+        if arc.angles:
+            visit = Visit(instance, question.trajectory)
+            carried = [
+                replace(waypoint, tip_in_world=visit.carried(waypoint.tip_in_world, angle))
+                for waypoint, angle in zip(bound.waypoints, arc.angles, strict=True)
+            ]
+            bound = replace(bound, waypoints=tuple(carried))
         planner, there = self._planners.of(question.base)
         *through, last = (waypoint.goal() for waypoint in bound.waypoints)
         call = PlanMotion(
@@ -286,5 +359,29 @@ def _better(one: tuple[WaypointReach, Array], other: tuple[WaypointReach, Array]
     return other if sign * b.by > sign * a.by else one
 
 
-def _key(question: Question, planner: MotionPlanner) -> tuple[object, ...]:
-    return question.instance, question.trajectory, question.arm, id(planner)
+def _instance(question: Question) -> Instance:
+    found = next((each for each in question.instances if each.name == question.instance), None)
+    if found is None:
+        known = ", ".join(each.name for each in question.instances) or "none placed yet"
+        raise ValueError(f"instance: got {question.instance!r}; expected one of {known}")
+    return found
+
+
+def _about(question: Question) -> tuple[str, str, str]:
+    return question.instance, question.trajectory, question.arm
+
+
+def _key(question: Question, arc: _Arc, planner: MotionPlanner) -> tuple[object, ...]:
+    return *_about(question), arc.centre, id(planner)
+
+
+def _with_angles(arc: _Arc, told: list[WaypointReach]) -> list[WaypointReach]:
+    if not arc.angles:
+        return told
+    return [structs.replace(one, turned=angle) for one, angle in zip(told, arc.angles, strict=True)]
+
+
+def _score(told: Sequence[WaypointReach]) -> float:
+    """The more is reached the larger: as many as there are waypoints where all are, with room."""
+    worth = {"reached": 1.0, "near": 0.9, "not": 0.0}
+    return sum(worth[one.state] - (min(one.by, 1.0) * 1e-3 if one.state == "not" else 0.0) for one in told)

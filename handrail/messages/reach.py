@@ -43,6 +43,8 @@ class WaypointReach(msgspec.Struct, kw_only=True):
     by: float = 0.0
     """near: what is left until the limit, not: by how much it is missed"""
     unit: Literal["", "m", "rad"] = ""
+    turned: float = 0.0
+    """rad, about the entry's joint, of a stroke: from where the template has the waypoint to where it is reached"""
 
     def __str__(self) -> str:
         about = f" ({self.about})" if self.about else ""

@@ -227,10 +227,14 @@ class Bench:
         if pose is None or resolved is None or not self.chosen:
             return []
         told = {each.name: each for each in self._reach.waypoints} if self._told() and self._reach else {}
-        return [
-            Waypoint(each.name, pose @ each.pose_in_template, told.get(each.name))
-            for each in resolved.trajectories[self.chosen].waypoints
-        ]
+        trajectory = resolved.trajectories[self.chosen]
+        about = resolved.joints[trajectory.entry.joint] if trajectory.entry is not None else None
+        found = []
+        for each in trajectory.waypoints:
+            reach = told.get(each.name)
+            turned = np.eye(4) if about is None or reach is None else about.displacement(reach.turned)
+            found.append(Waypoint(each.name, pose @ turned @ each.pose_in_template, reach))
+        return found
 
     @property
     def reach_problem(self) -> str:

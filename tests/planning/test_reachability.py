@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import threading
 from dataclasses import replace
@@ -110,7 +111,6 @@ def test_settling_ends_where_something_newer_waits(reach, question):
     [
         ("box", "nothing", "right", "trajectory: got 'nothing'; expected one of grasp"),
         ("box", "grasp", "third", "got third; expected one of"),
-        ("wheel", "turn", "right", "turn is a stroke, whose place is planned"),
     ],
 )
 def test_what_can_not_be_asked_is_told(reach, question, template, trajectory, arm, words):
@@ -152,3 +152,21 @@ def test_the_process_answers_the_newest_question_only_and_settles_once_nothing_w
     engine.close()
     thread.join(LONG_S)
     assert ended == ["with its engine"]
+
+
+def test_a_stroke_is_told_on_the_arc_on_which_most_of_it_is_reached(reach, question):
+    asked = question("wheel", "turn", (0.55, -0.35, 0.30))
+    reach.quick(asked)
+    found = reach.settle(asked, lambda: False)
+    assert {each.state for each in found} <= {"reached", "near"}, found
+    approach, standoff, engage, turn, release, withdraw = found
+    _, _, first, *_ = reach.quick(asked)
+    assert first.turned == engage.turned, "it stays with the arc that it told of"
+    assert approach.turned == standoff.turned == engage.turned < turn.turned, (
+        "it is entered at one angle and turned to another"
+    )
+    assert release.turned == withdraw.turned == pytest.approx(turn.turned - math.radians(8))
+    far = question("wheel", "turn", (1.1, -0.15, 0.20))
+    reach.quick(far)
+    settled = reach.settle(far, lambda: False)
+    assert "not" in told(settled).values()

@@ -17,6 +17,7 @@ from handrail.messages import (
     Reach,
     RemoveInstance,
     SetParameters,
+    WaypointReach,
 )
 from tablet_client.models import arrivals
 from tablet_client.models.situation import Situation
@@ -139,6 +140,16 @@ def test_waypoints_stand_in_the_world_and_say_which_can_be_reached_while_it_is_a
     assert bench.waypoints[0].pose[:3, 3] == pytest.approx((0.40, -0.25, 0.30))
     bench.arm = "left"
     assert {each.reach for each in bench.waypoints} == {None}, "of another arm nothing is known yet"
+
+
+def test_a_strokes_waypoints_stand_where_they_would_be_reached(situation):
+    turned = WaypointReach(name="approach", state="reached", turned=math.pi / 2)
+    situation.take(
+        Reach(instance="wheel_1", version=1, trajectory="turn", arm="right", waypoints=[turned], settled=True)
+    )
+    approach, standoff, *_ = situation.bench.waypoints
+    assert approach.pose[:3, 3] == pytest.approx((0.40, -0.35, 0.40)), "a quarter of a turn about the wheel's shaft"
+    assert standoff.pose[:3, 3] == pytest.approx((0.47, -0.25, 0.30)), "of the others nothing is known"
 
 
 def test_what_is_reached_by_an_arm_that_is_not_chosen_is_left_aside(situation):

@@ -183,6 +183,22 @@ class Visit:
             )
         return float(angles[best])
 
+    def angles(self, arc: float) -> list[float]:
+        """rad about the entry's joint, of each waypoint of a stroke whose arc has its centre there. Raises Infeasible."""
+        angle, found = self.entry_angle(arc), list[float]()
+        for waypoint in self.trajectory.waypoints:
+            if waypoint.approach == "along":
+                angle = arc + self.span / 2 if waypoint.to == "arc_end" else angle + float(waypoint.to)
+            found.append(angle)
+        return found
+
+    def carried(self, pose: Array, angle: float) -> Array:
+        """(4, 4): a pose of the world, turned by `angle` about the entry's joint."""
+        if self.joint is None:
+            return pose
+        world = self._in_world.homogeneous
+        return np.asarray(world @ self.joint.displacement(angle) @ np.linalg.inv(world) @ pose)
+
     def straight(self, start: tuple[Array, Array], goal: tuple[Array, Array], spacing: float) -> TipPath:
         """The tip on a line, the axis by the shortest turn; poses at most `spacing` m apart, both ends included."""
         count = max(2, int(np.ceil(np.linalg.norm(goal[0] - start[0]) / spacing)) + 1)

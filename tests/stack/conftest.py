@@ -38,7 +38,15 @@ def free_port() -> int:
 class Stack:
     """A running robot service and what tests ask of it."""
 
-    def __init__(self, folder: Path, *, clock: str = "lockstep", scene: str = "valve", robot: str = "talos_upper"):
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        clock: str = "lockstep",
+        scene: str = "valve",
+        robot: str = "talos_upper",
+        camera: bool = False,
+    ):
         self.runtime = Runtime.at(folder)
         self.port = free_port()
         self.output: list[str] = []
@@ -46,7 +54,8 @@ class Stack:
         self.process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "handrail.cli", "up", robot, "--scene", scene, "--clock", clock),
-                *("--runtime", str(folder), "--port", str(self.port), "--no-camera"),
+                *("--runtime", str(folder), "--port", str(self.port)),
+                *(() if camera else ("--no-camera",)),
             ],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

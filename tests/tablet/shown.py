@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ class Shown:
         from tablet_client.window import open_window
 
         self.robot, self.test = robot, QTest
+        self.touch: Any = None
         self.opened = open_window(
             "tcp://somewhere:47800",
             describe or (lambda _: robot.description),
@@ -88,8 +90,22 @@ class Shown:
         from PySide6.QtCore import Qt
 
         self.until(lambda: self.item(name).isEnabled())
+        self.reveal(self.item(name))
         self.turn(0.02)  # let the layout settle
         self.test.mouseClick(self.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, self.middle(name))
+
+    def reveal(self, item: Any) -> None:
+        """Scrolls what it lies in, if anything, until it is in sight."""
+        from PySide6.QtCore import QRectF
+
+        list_ = item.parentItem()
+        while list_ is not None and not list_.inherits("QQuickFlickable"):
+            list_ = list_.parentItem()
+        if list_ is not None:
+            content = list_.property("contentItem")
+            box = item.mapRectToItem(content, QRectF(0, 0, item.width(), item.height()))
+            least, most = box.bottom() - list_.height(), box.top()
+            list_.setProperty("contentY", min(max(list_.property("contentY"), least), max(most, 0.0)))
 
     def key(self, key: Any) -> None:
         self.test.keyClick(self.window, key)
@@ -117,6 +133,30 @@ class Shown:
         assert not asked.hasError(), asked.error().toString()
         return value
 
+    def spot(self, point: tuple[float, ...]) -> Any:
+        """The window's pixel that shows a point of the world, as Quick 3D itself says."""
+        from PySide6.QtCore import QPointF
+        from PySide6.QtQml import QQmlExpression, qmlContext
+
+        x, y, z = point
+        scene = self.find("scene")
+        expression = QQmlExpression(qmlContext(scene), scene, f"mapFrom3DScene(Qt.vector3d({x}, {z}, {-y}))")
+        at, _ = expression.evaluate()
+        return scene.mapToScene(QPointF(at.x(), at.y())).toPoint()
+
+    def arrow(self, axis: int, by: float = 0.0) -> tuple[float, ...]:
+        """Where the tip of an arrow of the handle on an instance that is not turned is in the world, or `by` m further along it."""
+        place = list(self.opened.stage.property("handle").toTuple())
+        place[axis] += self.find("handle").property("length") + by
+        return tuple(place)
+
+    @contextmanager
+    def finger(self, at: Any) -> Iterator[Finger]:
+        """A finger that is on the screen, and is lifted in the end."""
+        finger = Finger(self, at)
+        yield finger
+        finger.lift()
+
     def node(self, name: str) -> tuple[float, float, float]:
         """Where a node of the scene stands in the world, m."""
         from PySide6.QtCore import QObject
@@ -134,6 +174,30 @@ class Shown:
         self.robot.released.set()
         self.session.close()
         self.opened.close()
+
+
+class Finger:
+    """On the window's screen, at a pixel of it."""
+
+    def __init__(self, shown: Shown, at: Any):
+        self._shown, self._at = shown, at
+        if shown.touch is None:
+            shown.touch = shown.test.createTouchDevice()
+        self._event().press(0, at, shown.window).commit()
+
+    def _event(self) -> Any:
+        return self._shown.test.touchEvent(self._shown.window, self._shown.touch)
+
+    def to(self, there: Any, steps: int = 10) -> None:
+        """Moves it."""
+        start = self._at
+        for step in range(1, steps + 1):
+            self._at = start + (there - start) * step / steps
+            self._event().move(0, self._at, self._shown.window).commit()
+            self._shown.turn(0.005)
+
+    def lift(self) -> None:
+        self._event().release(0, self._at, self._shown.window).commit()
 
 
 def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:

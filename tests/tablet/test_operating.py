@@ -20,34 +20,13 @@ def selected(robot: Any, show: Any) -> Shown:
     shown.window.resize(1280, 800)
     robot.publish(robot.state())
     shown.until(lambda: shown.window.width() == 1280 and shown.find("scene").property("height") > 600)
-    x, y = spot(shown, (0.55, -0.35 + 0.15, 0.30))  # on its rim
-    from PySide6.QtCore import QPoint, Qt
+    rim = shown.spot((0.55, -0.35 + 0.15, 0.30))
+    from PySide6.QtCore import Qt
 
     shown.until(shown.opened.stage.solids)
-    shown.test.mouseClick(shown.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(x, y))
+    shown.test.mouseClick(shown.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, rim)
     shown.until(lambda: shown.desk.bench.view["selected"] == "wheel_1")
     return shown
-
-
-def spot(shown: Shown, point: tuple[float, float, float]) -> tuple[int, int]:
-    """The window's pixel that shows a point of the world, as Quick 3D itself says."""
-    from PySide6.QtCore import QPointF
-    from PySide6.QtQml import QQmlExpression, qmlContext
-
-    x, y, z = point
-    scene = shown.find("scene")
-    expression = QQmlExpression(qmlContext(scene), scene, f"mapFrom3DScene(Qt.vector3d({x}, {z}, {-y}))")
-    at, _ = expression.evaluate()
-    found = scene.mapToScene(QPointF(at.x(), at.y()))
-    return round(found.x()), round(found.y())
-
-
-def arrow(shown: Shown, axis: int) -> tuple[float, float, float]:
-    """Where the tip of an arrow of the handle on an instance that is not turned is in the world."""
-    length = shown.find("handle").property("length")
-    place = list(shown.opened.stage.property("handle").toTuple())
-    place[axis] += length
-    return tuple(place)
 
 
 def test_a_finger_drags_the_selected_template_by_its_handle_and_undo_brings_it_back(selected, robot):
@@ -55,16 +34,11 @@ def test_a_finger_drags_the_selected_template_by_its_handle_and_undo_brings_it_b
 
     view, before = selected.find("rig"), robot.instances[0].pose_in_world
     turned = view.property("yaw")
-    start, end = QPoint(*spot(selected, arrow(selected, 2))), QPoint(*spot(selected, (0.55, -0.35, 0.30)))
+    start, end = selected.spot(selected.arrow(2)), selected.spot((0.55, -0.35, 0.30))
     apart = QPoint(12, 0)  # a finger is not exact
-    device = selected.test.createTouchDevice()
-    selected.test.touchEvent(selected.window, device).press(0, start + apart, selected.window).commit()
-    selected.until(lambda: selected.desk.bench.hot == "tz")
-    for step in range(1, 11):
-        at = start + apart + (start - end) * step / 10
-        selected.test.touchEvent(selected.window, device).move(0, at, selected.window).commit()
-        selected.turn(0.005)
-    selected.test.touchEvent(selected.window, device).release(0, at, selected.window).commit()
+    with selected.finger(start + apart) as finger:
+        selected.until(lambda: selected.desk.bench.hot == "tz")
+        finger.to(start + apart + (start - end))
     selected.until(lambda: selected.desk.bench.hot == "" and not selected.desk.situation.bench.edits.waiting)
     selected.until(lambda: robot.instances[0].pose_in_world.position[2] > 0.4)
     x, y, _ = robot.instances[0].pose_in_world.position

@@ -142,6 +142,10 @@ class Truth:
         assert sample is not None, "the plant says nothing"
         return sample
 
+    def latest(self) -> messages.GroundTruth | None:
+        """What it said last since this was asked before, if anything."""
+        return next(reversed(list(self._subscriber.drain())), None)
+
     def until(self, wanted: Callable[[messages.GroundTruth], bool], what: str, timeout_s: float = 200.0):
         """The first sample that satisfies `wanted`."""
         deadline = time.monotonic() + timeout_s

@@ -56,6 +56,8 @@ def tablet(qt: None, mesh_folder: Any) -> Iterator[Callable[[int], Shown]]:  # n
 
     def show(port: int) -> Shown:
         opened.append(Shown(Remote(port), mesh_folder))
+        opened[-1].window.resize(1280, 800)
+        opened[-1].until(lambda: opened[-1].find("scene").property("height") > 600)
         return opened[-1].drawn()
 
     yield show
@@ -72,11 +74,19 @@ def drag(shown: Shown, by: np.ndarray) -> None:
     """With a finger on the arrows of the selected template's handle, one after the other."""
     for axis in np.flatnonzero(np.abs(by) > 0.002).tolist():
         wanted = place_of(shown)[axis] + by[axis]
-        with shown.finger(shown.spot(shown.arrow(axis))) as finger:
-            shown.until(lambda axis=axis: shown.desk.bench.hot == "t" + "xyz"[axis])
-            finger.to(shown.spot(shown.arrow(axis, by[axis])))
+        assert any(drag_by(shown, axis, by[axis], share) for share in (1.0, 0.85, 0.6, 0.5, 0.4)), f"no arrow {axis}"
         shown.until(lambda: shown.desk.bench.hot == "" and not shown.desk.situation.bench.edits.waiting)
         shown.until(lambda axis=axis, wanted=wanted: abs(place_of(shown)[axis] - wanted) < 0.02)
+
+
+def drag_by(shown: Shown, axis: int, by: float, share: float) -> bool:
+    """Where the finger is on an arrow there, and not nearer to another part of the handle or beside the view."""
+    with shown.finger(shown.spot(shown.arrow(axis, share=share))) as finger:
+        shown.turn(0.1)
+        if shown.desk.bench.hot != "t" + "xyz"[axis]:
+            return False
+        finger.to(shown.spot(shown.arrow(axis, by, share=share)))
+        return True
 
 
 def reached(shown: Shown) -> dict[str, str]:
@@ -126,20 +136,29 @@ def test_a_wheel_is_placed_dragged_onto_the_valve_that_is_seen_and_turned_though
     shown.until(
         lambda: set(reached(shown).values()) == {"reached"} or set(reached(shown).values()) == {"reached", "near"}
     )
-    print(reached(shown), place_of(shown))
     before = truth.now().hinges["valve"]
-    robot = stack.connect()
-    robot.run(robot.deploy("turn_valve", {"arm": "right", "valve": "wheel_1"}))
+
+    def turned() -> float:
+        """rad, in the plant, whatever the window believes; 0 where it has said nothing since this was asked before."""
+        sample = truth.latest()
+        return 0.0 if sample is None else abs(sample.hinges["valve"] - before)
+
+    shown.press("tab_library")
+    for name in ("program_turn_valve", "bind_arm_right", "bind_valve_wheel_1"):
+        shown.until(lambda name=name: shown.there(name))
+        shown.press(name)
+    shown.press("launch")
     shown.until(lambda: shown.item("promptCard").isVisible())
     shown.press("option_approve")
-    truth.until(lambda sample: abs(sample.hinges["valve"] - before) > 0.5, "turning the valve")
+    shown.until(lambda: turned() > 0.5)
     line.cut()
     shown.until(lambda: not shown.desk.situation.link.attached)
+    cut_at = turned()
     late = tablet(stack.port)
-    truth.until(lambda sample: abs(sample.hinges["valve"] - before) > 1.5, "turning the valve with the link cut")
+    late.until(lambda: turned() > cut_at + 0.5)
     line.mend()
     shown.until(lambda: shown.desk.situation.link.attached)
-    shown.until(lambda: late.desk.situation.world.instances and same(shown, late))
-    shown.until(lambda: shown.desk.run.view["status"] == "succeeded", 200)
-    assert abs(truth.now().hinges["valve"] - before) >= np.deg2rad(270)
+    shown.until(lambda: same(shown, late))
+    shown.until(lambda: shown.desk.situation.task.status == "succeeded", 200)
+    assert turned() >= np.deg2rad(270)
     late.until(lambda: same(shown, late))

@@ -72,6 +72,10 @@ class Shown:
             queue += item.childItems()
         raise AssertionError(f"no {name} in the window")
 
+    def there(self, name: str) -> bool:
+        """Whether such an item is in sight, or can be scrolled there."""
+        return any(item.objectName() == name for item in self.all_items())
+
     def all_items(self) -> Iterator[Any]:
         queue = [self.window.contentItem()]
         while queue:
@@ -144,10 +148,13 @@ class Shown:
         at, _ = expression.evaluate()
         return scene.mapToScene(QPointF(at.x(), at.y())).toPoint()
 
-    def arrow(self, axis: int, by: float = 0.0) -> tuple[float, ...]:
-        """Where the tip of an arrow of the handle on an instance that is not turned is in the world, or `by` m further along it."""
+    def arrow(self, axis: int, by: float = 0.0, *, share: float = 1.0) -> tuple[float, ...]:
+        """Where an arrow's tip is in the world, of the handle on an instance that is not turned, or `by` m further along it.
+
+        `share` of the arrow's length: from 0.35, where it begins, to its tip.
+        """
         place = list(self.opened.stage.property("handle").toTuple())
-        place[axis] += self.find("handle").property("length") + by
+        place[axis] += share * self.find("handle").property("length") + by
         return tuple(place)
 
     @contextmanager

@@ -7,9 +7,12 @@ whole run hears both, programs that states run among it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+import msgspec
+from statemachine.event import _event_data_kwargs
 
 from engines.programs.expressions import location, within
 from engines.programs.schema import ActionFile
@@ -74,6 +77,16 @@ def check(
         if file.after and not (file.send and (isinstance(file.after, str) or 0 < file.after < math.inf)):
             raise error(f"{path}.after", f"got {file.after!r}; expected a time in s above 0, of what is sent")
         expression(f"{path}.after", file.after)
+        if file.data and not file.send:
+            raise error(f"{path}.data", "data of nothing; expected it with `send`")
+        for name, value in file.data.items():
+            if not name.isidentifier() or name.startswith("_") or name in _event_data_kwargs:
+                raise error(f"{path}.data.{name}", f"{name!r} can't be used in expressions; expected another name")
+            if "_event" in str(value):
+                raise error(
+                    f"{path}.data.{name}", f"got {value!r}; expected no _event: `set` a variable from it before"
+                )
+            expression(f"{path}.data.{name}", value)
         event = file.raise_ or file.send
         if event and (event.startswith(_RESERVED) or any(each in event for each in " *|")):
             raise error(
@@ -93,6 +106,22 @@ def check(
         text(f"{path}.log", file.log)
 
 
+def sent(message: str) -> tuple[str, str | float, dict[str, Any]]:
+    """What is assigned to `SENT`: the event, after how many s, and its data; the latter two may be expressions."""
+    return msgspec.json.decode(message, type=tuple[str, str | float, dict[str, Any]])
+
+
+def data_of(actions: Iterable[Action], event: str) -> frozenset[str]:
+    """What data every event has that these raise or send and that a transition for `event` takes."""
+    taken = [
+        frozenset(each.file.data)
+        for action in actions
+        for each in action.all()
+        if (name := each.file.raise_ or each.file.send) and f"{name}.".startswith(f"{event.removesuffix('.*')}.")
+    ]
+    return frozenset.intersection(*taken) if taken else frozenset()
+
+
 def native(actions: Sequence[Action], scope: str) -> list[dict[str, Any]]:
     """The same in python-statemachine's words."""
     return [step for each in actions for step in _native(each, scope)]
@@ -108,7 +137,7 @@ def _native(action: Action, scope: str) -> list[dict[str, Any]]:
             step["else"] = native(action.otherwise, scope)
         return [{"if": step}]
     if file.send:
-        return [_assign(scope, SENT, repr(f"{file.send}|{file.after}"))]
+        return [_assign(scope, SENT, repr(msgspec.json.encode([file.send, file.after, file.data]).decode()))]
     if file.log:
         return [_assign(scope, LOGGED, repr(file.log))]
     return [_assign(scope, name, value if isinstance(value, str) else repr(value)) for name, value in file.set.items()]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import keyword
 import math
-from collections.abc import Iterable, Set
+from collections.abc import Iterable, Iterator, Set
 from typing import Any
 
 import msgspec
@@ -205,7 +205,15 @@ def _data_of(program: Program, path: str, event: str, states: dict[str, State]) 
             if named.file.do in SIGNATURES and prefix == "done.invoke."
             else frozenset()
         )
-    return ERROR_OUTPUTS if event in ("error.execution", "error") else frozenset()
+    if event in ("error.execution", "error"):
+        return ERROR_OUTPUTS
+    return actions.data_of((each for state in program.states() for each in _actions_of(state)), event)
+
+
+def _actions_of(state: State) -> Iterator[Action]:
+    yield from (*state.enter, *state.exit)
+    for way in (*state.transitions, *(each for ways in state.history.values() for each in ways)):
+        yield from way.actions
 
 
 def _check_activity(program: Program, state: State) -> None:

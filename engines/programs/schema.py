@@ -60,6 +60,8 @@ class ActionFile(_Struct, rename={"raise_": "raise", "if_": "if", "else_": "else
     """an event, before all that wait"""
     send: str = ""
     """an event, after all that wait"""
+    data: dict[str, Any] = {}
+    """of what is sent: name → expression, evaluated as it is sent; `_event.data` has them"""
     after: float | str = 0.0
     """s of the run's time, until it is sent (a number, or an expression)"""
     log: str = ""

@@ -2,8 +2,8 @@
 
 States, parallel states, history, finals, transitions with events and conditions, `<onentry>`, `<onexit>` and what is done there and
 in transitions (`<assign>`, `<raise>`, `<send>`, `<log>`, `<if>`) are SCXML's own. `<invoke type="prompt">` is what a state does,
-each `<param>` an argument of it. What has no counterpart in a program (`<script>`, `<foreach>`, `<cancel>`, `<send>` to somebody or
-with data) is refused by file, line and element.
+each `<param>` an argument of it. What has no counterpart in a program (`<script>`, `<foreach>`, `<cancel>`, `<send>` to somebody)
+is refused by file, line and element.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ATTRIBUTES = {
     "onexit": set(),
     "assign": {"location", "expr"},
     "raise": {"event"},
-    "send": {"event", "delay", "delayexpr", "type", "target"},
+    "send": {"event", "delay", "delayexpr", "type", "target", "namelist"},
     "log": {"label", "expr"},
     "if": {"cond"},
     "elseif": {"cond"},
@@ -271,17 +271,25 @@ class _Reader:
 
     def _send(self, element: _Element, step: Map) -> None:
         self._given(element, "event")
-        if element.children:
-            raise self._error(element.children[0], "data for somebody else; expected a <send> of an event alone")
         given = element.attributes
+        data = Map()
+        for name in given.get("namelist", "").split():
+            self._once(data, name, name, element)
+        for each in element.children:
+            if each.tag != "param" or each.attributes.keys() != {"name", "expr"}:
+                raise self._error(each, "no program sends that; expected <param> with `name` and `expr`")
+            self._once(data, each.attributes["name"], self._expression(each.attributes["expr"]), each)
         if (kind := given.get("type", "scxml")) not in _PROCESSORS:
             raise self._error(element, f"type={kind!r}; expected none, or {_PROCESSORS[1]}")
         if "target" in given:
-            if given["target"] != "#_internal" or "delay" in given or "delayexpr" in given:
-                raise self._error(element, f"target={given['target']!r}; expected none, or '#_internal' without delay")
+            if given["target"] != "#_internal" or "delay" in given or "delayexpr" in given or data:
+                told = f"target={given['target']!r}; expected none, or '#_internal' without delay and data"
+                raise self._error(element, told)
             _put(step, "raise", given["event"], element.line)
             return
         _put(step, "send", given["event"], element.line)
+        if data:
+            _put(step, "data", data, element.line)
         delay = given.get("delay", "")
         if "delayexpr" in given:
             delay = str(self._literal(element, given["delayexpr"]))
@@ -303,10 +311,9 @@ class _Reader:
             tree = ast.parse(text.strip(), mode="eval")
         except SyntaxError:
             return text  # as the check says
-        words = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in _WORDS]
-        if not words:
-            return text
-        return ast.unparse(_InPython().visit(tree))
+        before = ast.unparse(tree)
+        after = ast.unparse(_InPython().visit(tree))
+        return text if after == before else after
 
     def _data(self, element: _Element) -> None:
         if element.tag != "data":
@@ -387,7 +394,16 @@ class _Reader:
 
 
 class _InPython(ast.NodeTransformer):
-    """ECMAScript's words as Python's."""
+    """ECMAScript's words as Python's, and an event's data by its names alone."""
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        match node:
+            case ast.Call(ast.Attribute(value, "get"), [ast.Constant(str(name))], []) if (
+                ast.unparse(value) == "_event.data" and name.isidentifier()
+            ):
+                return ast.Attribute(value, name, ast.Load())
+        self.generic_visit(node)
+        return node
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         return ast.Constant(_WORDS[node.id]) if node.id in _WORDS else node

@@ -17,7 +17,7 @@ from statemachine.io.native import native_dict_to_definition
 from statemachine.io.yaml.reader import YAMLReader
 
 from engines.activities.base import Activity
-from engines.programs import native
+from engines.programs import actions, native
 from engines.programs.check import STOPPED
 from engines.programs.doing import Doing, Event
 from engines.programs.expressions import ProgramEvaluator
@@ -193,14 +193,14 @@ class Chart(Interpreter):
         log("info", scope.words(text))
 
     def _sends(self, scope: Scope, event: str) -> None:
-        name, _, after = event.partition("|")
-        seconds = float(scope.value(after))
+        name, after, given = actions.sent(event)
+        seconds, data = float(scope.value(after)), {key: scope.value(value) for key, value in given.items()}
         if not 0 <= seconds < float("inf"):
             raise ValueError(f"after: got {seconds:g}; expected a time in s")
         if seconds:
-            self._clock.after(seconds, lambda: self.post(Event(name)))
+            self._clock.after(seconds, lambda: self.post(Event(name, data)))
         else:
-            self.post(Event(name))
+            self.post(Event(name, data))
 
     def _asks(self, way: str) -> None:
         state, _, index = way.rpartition(".")

@@ -117,6 +117,10 @@ def test_an_internal_transition_does_not_leave_its_state(read):
             "{raise: told, after: 1}",
             r"enter\[2\]\.after: got 1.*; expected a time in s above 0, of what is sent",
         ),
+        ("{raise: told}", "{raise: told, data: {a: 1}}", r"enter\[2\]\.data: data of nothing; expected it with `send`"),
+        ("after: n * 5", "data: {a: m}", r"then\[0\]\.data\.a: unknown name 'm'"),
+        ("after: n * 5", "data: {a: _event.data.b}", r"then\[0\]\.data\.a: .*expected no _event"),
+        ("after: n * 5", "data: {event: 1}", r"then\[0\]\.data\.event: 'event' can't be used in expressions"),
         ("after: n * 5", "after: -1", r"actions\[0\]\.then\[0\]\.after: got -1"),
         ("n is {n}", "n is {_event.name}", r"enter\[1\]\.log: .*expected no _event"),
         ("then: [", "otherwise: [", r"actions\[0\].*otherwise"),
@@ -126,3 +130,30 @@ def test_what_can_not_be_done_is_told_by_line_and_field(read, old, new, told):
     assert old in INNER
     with pytest.raises(ConfigError, match=told):
         read(INNER.replace(old, new))
+
+
+SENDS = """
+title: Sends
+variables: {n: 1, got: 0}
+states:
+  first:
+    enter: [{send: told.twice, data: {much: n + 1, word: "'a'"}, after: 1}, {set: {n: 5}}]
+    transitions: [{event: told.*, cond: _event.data.word == 'a', target: last, set: {got: _event.data.much}}]
+  last: {final: true, outcome: succeeded, detail: "{got}"}
+"""
+
+
+def test_what_is_sent_has_its_data_as_they_were_when_it_was_sent(read):
+    clock, found = RunClock(), read(SENDS)
+    chart = Chart(found, found.variables, lambda *_: pytest.fail("nothing is done here"), clock=clock)
+    chart.begin()
+    clock.tick(0)
+    clock.tick(1_000_000_000)
+    assert chart.step(0.0)
+    assert (chart.ended.id, chart.words(chart.ended.file.detail)) == ("last", "2")
+
+
+def test_data_that_not_every_such_event_has_is_refused_where_it_is_read(read):
+    text = SENDS.replace("{set: {n: 5}}", "{send: told.once, data: {much: 1}}")
+    with pytest.raises(ConfigError, match=r":7: .*_event\.data has no 'word' here; expected one of much"):
+        read(text)

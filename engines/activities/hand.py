@@ -54,7 +54,7 @@ class HandOrder:
 
 
 def shape_hand(
-    context: Context, arm: str, pose: Mapping[str, float], cancelled: threading.Event, *,
+    context: Context, arm: Arm, pose: Mapping[str, float], cancelled: threading.Event, *,
     effort: float = 0.0, velocity: float = 0.0,
 ) -> bool:  # fmt: skip
     """Bring an arm's hand into a pose; True: something keeps it from getting there.
@@ -73,7 +73,7 @@ def shape_hand(
         low, high, *_ = description.device_limits[joint]
         if not low <= position <= high:
             raise ActivityFailed("refused", f"{grippers[joint]}: got {position:g}; expected {low:g} to {high:g}")
-        order = HandOrder(description.arms[arm], grippers[joint], position, _NEAR * (high - low), effort, velocity)
+        order = HandOrder(arm, grippers[joint], position, _NEAR * (high - low), effort, velocity)
         what = f"{grippers[joint]} to {position:g}"
         try:
             ended = context.motion.run_behaviour(order, description, cancelled, what=what)
@@ -112,7 +112,7 @@ class HandActivity(Activity):
         if values["pose"] not in known:
             raise ActivityFailed("refused", f"pose: got {values['pose']!r}; expected one of {', '.join(known)}")
         holds = shape_hand(
-            self.context, values["arm"], known[values["pose"]], self.cancelled,
+            self.context, self.services.description.arms[values["arm"]], known[values["pose"]], self.cancelled,
             effort=values["effort"], velocity=values["speed"],
         )  # fmt: skip
         return {"holds": holds}

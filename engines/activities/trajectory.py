@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,8 @@ class TrajectoryActivity(Activity):
     Done with the `waypoint` that it ended at, whether the hand `holds` something, and `moved`, rad or m that it moved the last
     joint by. Fails with `stale` before it goes on to where the instance is no more, and with `no_hand` where the hand is to change
     its shape and the arm carries a rigid tool.
+
+    `still` is another arm, which holds something meanwhile: joints that both have (a torso) stand, so that it stays where it is.
     """
 
     arguments = {
@@ -70,6 +73,7 @@ class TrajectoryActivity(Activity):
         "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
         "leaving": Argument(Kind.TEXT, required=False, default=""),
         "plan": Argument(Kind.VALUE, required=False),
+        "still": Argument(Kind.ARM, required=False, default=""),
     }
     outputs = frozenset({"waypoint", "holds", "moved"})
 
@@ -130,7 +134,7 @@ class TrajectoryActivity(Activity):
     # ------------------------------------------------------------------------------------------------------ one waypoint
 
     def _reach(self, instance: Instance, waypoint: BoundWaypoint) -> None:
-        call = way_to(waypoint, instance)
+        call = way_to(waypoint, instance, self._arm.joints if self.values["still"] else ())
         if call is not None:
             self._planned(call)
             self._moved = call.along.by if call.along is not None else self._moved
@@ -264,7 +268,7 @@ class TrajectoryActivity(Activity):
             raise ActivityFailed("stale", f"{name} was removed while it was being used") from gone
 
     def _shape(self, waypoint: BoundWaypoint) -> None:
-        holds = shape_hand(self.context, self.values["arm"], waypoint.fingers, self.cancelled)
+        holds = shape_hand(self.context, self._arm, waypoint.fingers, self.cancelled)
         self._holds = holds and waypoint.waypoint.hand_pose == _CLOSED
 
     def _run(self, motion: CompliantMotion, ends: list[EndCondition], what: str, hoped: str) -> str:
@@ -282,7 +286,11 @@ class TrajectoryActivity(Activity):
 
     @property
     def _arm(self) -> Arm:
-        return self.services.description.arms[self.values["arm"]]
+        """With the joints that it may move."""
+        arms = self.services.description.arms
+        arm, still = arms[self.values["arm"]], self.values["still"]
+        shared = arms[still].joints if still else ()
+        return replace(arm, joints=tuple(joint for joint in arm.joints if joint not in shared))
 
     def _hand(self) -> Array:
         """(4, 4): where the arm's tip is commanded to be now, in the world."""

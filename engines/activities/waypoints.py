@@ -129,19 +129,32 @@ def backwards(waypoints: Sequence[BoundWaypoint]) -> tuple[BoundWaypoint, ...]:
     return tuple(back)
 
 
-def way_to(waypoint: BoundWaypoint, instance: Instance) -> PlanMotion | None:
+def way_to(waypoint: BoundWaypoint, instance: Instance, joints: Sequence[str] = ()) -> PlanMotion | None:
     """What a planner is asked for so that the hand gets to a waypoint from the one before; None: no plan leads there, but a motion
     of the control loop, on a line or pressing.
+
+    :param joints: that may move; none: all of the arm
     """
     asked, arm = waypoint.waypoint, waypoint.arm
     if asked.approach == "free":
         return PlanMotion(
-            goals=[waypoint.goal()], arm=arm.name, clearance=CLEAR, label=f"to {asked.name} of {instance.name}"
+            goals=[waypoint.goal()],
+            arm=arm.name,
+            joints=list(joints),
+            clearance=CLEAR,
+            label=f"to {asked.name} of {instance.name}",
         )
     if asked.approach != "along" or pushes(waypoint):
         return None
     along = Along(instance=instance.name, joint=asked.joint, by=float(asked.to), frame=arm.tip)
-    return PlanMotion(goals=[], along=along, arm=arm.name, clearance=CLEAR, label=f"to {asked.name} of {instance.name}")
+    return PlanMotion(
+        goals=[],
+        along=along,
+        arm=arm.name,
+        joints=list(joints),
+        clearance=CLEAR,
+        label=f"to {asked.name} of {instance.name}",
+    )
 
 
 def pushes(waypoint: BoundWaypoint) -> bool:

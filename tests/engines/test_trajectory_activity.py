@@ -16,6 +16,7 @@ from handrail.robot import library as robots
 ALL = {
     "leaving": "",
     "plan": None,
+    "still": "",
     "instance": "it",
     "trajectory": "grasp",
     "arm": "right",
@@ -31,10 +32,12 @@ class Moves:
     def __init__(self) -> None:
         self.done: list[str] = []
         self.why: list[str] = []
+        self.joints: list[list[str]] = []
         self.ended = None
         self.meanwhile = lambda what: None
 
     def run(self, motion, ends, cancelled, *, what, still, hoped):
+        self.joints.append(motion.joints)
         self.why.append(still())
         self.meanwhile(what)
         self.why.append(still())
@@ -85,6 +88,14 @@ EDITS = {
     "moved": (lambda of: of.move(MoveInstance(name="it", pose_in_world=Pose(position=(0.5, -0.2, 0.1)))), MOVED),
     "removed": (lambda of: of.remove(RemoveInstance(name="it")), "it was removed while it was being used"),
 }
+
+
+def test_while_another_arm_holds_something_what_both_have_stands(begin, moves):
+    begin().run()
+    begin(still="left").run()
+    alone, beside = moves.joints[0], moves.joints[-1]
+    assert set(alone) - set(beside) == {"torso_1_joint", "torso_2_joint"}
+    assert len(beside) == 7
 
 
 @pytest.mark.parametrize("edit", EDITS)

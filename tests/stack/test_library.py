@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,7 @@ pytestmark = [pytest.mark.stack, pytest.mark.timeout(700)]
 
 TABLE = {"depth": 0.50, "width": 0.60, "height": 0.04}
 """half of it"""
+STAND = {"depth": 0.16, "width": 0.16, "height": 0.04}
 SIZE = {"depth": 0.06, "width": 0.05, "height": 0.13}
 
 
@@ -78,3 +80,24 @@ def test_either_hand_picks_a_box_up_and_puts_it_where_it_was_told_or_back_and_kn
     now = truth.now().poses_in_world["box_left"]
     assert np.linalg.norm(np.array(now.position) - before) < 0.01, now
     assert abs(now.orientation[3]) > np.cos(np.deg2rad(5.0) / 2), f"it has fallen over: {now}"
+
+
+def test_one_hand_holds_a_canister_while_the_other_one_twists_its_cap_stroke_by_stroke(start_stack) -> None:
+    stack: Stack = start_stack(scene="twist_cap", robot="talos_upper_grippers")
+    stack.wait_up()
+    robot = stack.connect()
+    robot.enable(60.0)
+    truth = stack.truth()
+    before = truth.now().poses_in_world["canister"]
+    size = {"body_radius": 0.03, "hold_from": 120, "begin": 45, "twist": 60}
+    robot.place_instance("cap", "cap", Pose(position=(0.42, -0.1, 0.05)), size)
+    robot.place_instance("stand", "box", Pose(position=(0.42, -0.1, -0.14)), STAND)
+    ended = carried_out(robot, "twist_cap", {"twisting": "right", "holding": "left", "cap": "cap"}, goal_deg=100)
+    assert ended.status == "succeeded", ended.detail
+    now = truth.now()
+    assert now.hinges["canister.thread"] > math.radians(80), "two strokes of 60°, of which the grip slips a little"
+    assert now.peak_contact_force["canister"] < 80.0
+    there = now.poses_in_world["canister"]
+    assert np.linalg.norm(np.subtract(there.position, before.position)) < 0.01, there
+    turned = 2 * math.acos(min(1.0, abs(float(np.dot(there.orientation, before.orientation)))))
+    assert turned < math.radians(15), "the other hand has kept the canister from turning, and from falling over"

@@ -12,8 +12,9 @@ from typing import Annotated, Any
 
 import typer
 
-from handrail.client import DEFAULT_ADDRESS, Client, connect
+from handrail.client import DEFAULT_ADDRESS, connect
 from handrail.link import keys as link_keys
+from handrail.link import pairing
 from handrail.robot import library as robots
 
 
@@ -87,11 +88,7 @@ def _run(
     from PySide6.QtCore import QTimer
 
     from tablet_client import window
-    from tablet_client.guarding import StopGuard
-    from tablet_client.session import Session
-
-    def client() -> Client:
-        return connect(address, own, timeout_s=0)
+    from tablet_client.line import Line
 
     smoothing = {
         Antialiasing.OFF: window.NO_ANTIALIASING,
@@ -104,13 +101,11 @@ def _run(
     )
     if fullscreen:
         opened.window.showFullScreen()
-    session = Session(client, opened.desk.inbox)
-    opened.desk.serve(session)
-    session.start()
-    guard = StopGuard(opened.window, address, own.folder, operator)
-    guard.pressed.connect(opened.desk.stop)
-    if shot is None:
-        guard.start()
+    line = Line(opened, operator, guarded=shot is None)
+    line.turn_to(address, own)
+    first_contact: Any = opened.desk.pairing  # to mypy a Qt property is no value
+    first_contact.pair_with = lambda endpoint, code: pairing.pair(endpoint, code, own.folder, name=pairing.own_name())
+    first_contact.paired.connect(lambda link: line.turn_to(link, link_keys.for_client(own.folder)))
 
     # Python sees a signal only when it runs: let it run now and then while Qt sleeps.
     signal.signal(signal.SIGINT, lambda *_: app.quit())
@@ -137,8 +132,7 @@ def _run(
     if shot is not None:
         QTimer.singleShot(round(after * 1000), smooth)
     app.exec()
-    guard.close()
-    session.close(timeout=0.5)
+    line.close()
     opened.close()
     return status
 

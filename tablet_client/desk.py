@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-from PySide6.QtCore import Property, QAbstractListModel, QByteArray, QModelIndex, QObject, Qt, QTimer, Signal, Slot
+from PySide6.QtCore import Property, QObject, Qt, QTimer, Signal, Slot
 
 from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, Jog, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
+from tablet_client.journal_list import JournalList
 from tablet_client.library_desk import LibraryDesk
 from tablet_client.models.arrivals import Inbox
 from tablet_client.models.command import commanders, if_lost
@@ -23,6 +24,7 @@ from tablet_client.models.prompts import lets_go
 from tablet_client.models.quantities import in_unit, label, quantity
 from tablet_client.models.situation import Situation
 from tablet_client.move_desk import MoveDesk
+from tablet_client.pairing_desk import PairingDesk
 from tablet_client.rows import Rows
 from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
@@ -37,48 +39,10 @@ _COMMANDS: dict[str, Callable[[], Message]] = {
     "clear_stop": ClearStop,
 }
 _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do not
-_ROLES = ("clock", "level", "code", "details")
-_FIRST = Qt.ItemDataRole.UserRole.value
 
 
 def _shown(figure: Figure) -> dict[str, Any]:
     return {"label": label(figure.code), **asdict(figure)}
-
-
-class JournalList(QAbstractListModel):
-    """The journal's entries, oldest first."""
-
-    def __init__(self, situation: Situation):
-        super().__init__()
-        self._journal = situation.journal
-        self._shown = list(self._journal.entries)
-
-    def rowCount(self, parent: Any = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._shown)
-
-    def roleNames(self) -> dict[int, QByteArray]:
-        return {_FIRST + number: QByteArray(name.encode()) for number, name in enumerate(_ROLES)}
-
-    def data(self, index: Any, role: int = 0) -> Any:
-        if not index.isValid() or not _FIRST <= role < _FIRST + len(_ROLES):
-            return None
-        value = getattr(self._shown[index.row()], _ROLES[role - _FIRST])
-        return list(value) if isinstance(value, tuple) else value
-
-    def refresh(self) -> None:
-        entries = self._journal.entries
-        last = self._shown[-1].number if self._shown else 0
-        new = [entry for entry in entries if entry.number > last]
-        if not new:
-            return
-        self.beginInsertRows(QModelIndex(), len(self._shown), len(self._shown) + len(new) - 1)
-        self._shown += new
-        self.endInsertRows()
-        surplus = len(self._shown) - len(entries)
-        if surplus > 0:
-            self.beginRemoveRows(QModelIndex(), 0, surplus - 1)
-            del self._shown[:surplus]
-            self.endRemoveRows()
 
 
 class Desk(QObject):
@@ -100,6 +64,7 @@ class Desk(QObject):
         self._run = RunDesk(situation, self._send)
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
         self._library = LibraryDesk(situation, self._send, self._soon)
+        self._pairing = PairingDesk()
         self._signals = SignalsDesk(situation)
         self._move = MoveDesk(situation, self._send, self._go, self._soon)
         self._header: dict[str, Any] = {}
@@ -146,6 +111,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def move(self) -> MoveDesk:
         return self._move
+
+    @Property(QObject, constant=True)
+    def pairing(self) -> PairingDesk:
+        return self._pairing
 
     @Property(QObject, constant=True)
     def run(self) -> RunDesk:

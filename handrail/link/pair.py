@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import socket
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -57,7 +56,7 @@ def pair(
 def _join(address: str, code: str, name: str, keys: Path | None) -> None:
     if not code:
         fail("code: got none; expected the eight digits that handrail pair shows on the robot")
-    accepted = pairing.pair(pairing.endpoint_of(address), code, keys, name=name or _own_name())
+    accepted = pairing.pair(pairing.endpoint_of(address), code, keys, name=name or pairing.own_name())
     _out.print(
         f"paired: the robot calls this client {accepted.name}, and takes it for an {accepted.role}'s", highlight=False
     )
@@ -70,7 +69,7 @@ def _let_in(role: link_keys.Role, name: str, bind: str, port: int, keys: Path | 
     _out.print(f"\n    {desk.code}\n", style="bold", highlight=False)
     minutes = pairing.LASTS_S / 60
     _out.print(f"Type it at the other machine within {minutes:g} minutes:", highlight=False)
-    _out.print(f"    handrail pair --connect {_own_name()}:{port} {desk.code}", highlight=False, soft_wrap=True)
+    _out.print(f"    handrail pair --connect {pairing.own_name()}:{port} {desk.code}", highlight=False, soft_wrap=True)
     try:
         desk.serve(f"tcp://{bind}:{port + pairing.PORT_OFFSET}")
     except KeyboardInterrupt:
@@ -81,8 +80,3 @@ def _let_in(role: link_keys.Role, name: str, bind: str, port: int, keys: Path | 
         _out.print(
             f"paired: {desk.paired.name} is an {desk.paired.role} from now on ({desk.paired.file})", highlight=False
         )
-
-
-def _own_name() -> str:
-    """This machine's, as far as a key's file can be called so."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", socket.gethostname()).strip("-._")[:64] or "client"

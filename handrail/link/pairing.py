@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import platform
 import re
 import secrets
 import time
@@ -274,10 +275,21 @@ def _why(answer: Offer | Accepted | Declined) -> str:
     return f"the robot declined: {answer.why}" if isinstance(answer, Declined) else "the robot answered out of turn"
 
 
-def endpoint_of(address: str) -> str:
-    """tcp://HOST:PORT of a link, or HOST, or HOST:PORT → where its pairing listens. Raises PairingError."""
+def link_of(address: str) -> str:
+    """tcp://HOST:PORT of a link, or HOST, or HOST:PORT → the first. Raises PairingError."""
     found = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\])(?::([0-9]{1,5}))?", address.strip())
     port = int(found[2] or 47800) if found else 0
     if found is None or not 0 < port <= 65535 - PORT_OFFSET:
         raise PairingError(f"address: got {address!r}; expected the link's, tcp://HOST:47800, or its host alone")
-    return f"tcp://{found[1]}:{port + PORT_OFFSET}"
+    return f"tcp://{found[1]}:{port}"
+
+
+def endpoint_of(address: str) -> str:
+    """Where the pairing of the robot with such a link listens. Raises PairingError."""
+    place, _, port = link_of(address).rpartition(":")
+    return f"{place}:{int(port) + PORT_OFFSET}"
+
+
+def own_name() -> str:
+    """This machine's, as far as a client can be called so."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", platform.node()).strip("-._")[:64] or "client"

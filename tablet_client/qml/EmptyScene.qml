@@ -71,10 +71,12 @@ Item {
             Command { visible: empty.mode === "waiting"; width: parent.width; text: "handrail up talos_upper --scene valve" }
             Text {
                 visible: empty.mode === "waiting"
-                text: qsTr("or look for it elsewhere")
+                width: parent.width
+                text: qsTr("or, at the first contact with one elsewhere, type the code that “handrail pair” shows there")
                 color: Theme.text; font.pixelSize: Theme.body; font.weight: Font.Medium
+                wrapMode: Text.Wrap
             }
-            Command { visible: empty.mode === "waiting"; width: parent.width; text: "handrail tablet --connect tcp://HOST:47800" }
+            FirstContact { visible: empty.mode === "waiting"; width: parent.width }
         }
     }
 }

@@ -130,6 +130,11 @@ QtObject {
         })[code] ?? code
     }
 
+    // What a key may (docs/deployment.md).
+    function role(code) {
+        return ({ operator: qsTr("operator"), developer: qsTr("developer"), engine: qsTr("engine") })[code] || code
+    }
+
     // Whether what an engine has or runs is what another has, or what its library has in force.
     function match(code) {
         return ({

@@ -35,11 +35,12 @@ from engines.planning.motion_search import MotionSearch
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.relaxing import prioritised, told
 from engines.planning.scene import Scene
-from engines.planning.timing.path_torque import TORQUE_SHARE, PathTorque
+from engines.planning.timing.path_torque import TORQUE_SHARE, Dynamics, PathTorque
+from engines.planning.timing.standing_torque import StandingDynamics
 from engines.planning.timing.timing import Limits
 from engines.planning.waiting import never, quiet
 from handrail.messages import PlanMotion, PointCloud
-from handrail.robot.description import RobotDescription
+from handrail.robot.description import Foot, RobotDescription
 from handrail.robot.kinematics import Kinematics
 from handrail.robot.rooting import rebuilt
 
@@ -68,6 +69,9 @@ class MotionPlanner:
             self._footing = Footing(self.mechanism, self._kinematics, self.base_frame)
         rows = dict(zip(self.mechanism.joints, self.mechanism.q_rows.tolist(), strict=True))
         self._rows: Integers = np.array([rows[joint] for joint in description.joints], np.int64)
+        self.dynamics: Dynamics = self._kinematics
+        if standing:
+            self.dynamics = StandingDynamics(description, self.mechanism.model, self._rows)
         self.solver = Solver(self.mechanism)
         self.trajectories = TrajectorySolver(self.solver)
         self._scenes: dict[tuple[object, ...], Scene] = {}
@@ -227,8 +231,7 @@ class MotionPlanner:
     def limits_of(self, joints: tuple[str, ...], q: Array) -> Limits:
         """Those of a motion of these joints, the others where they are at q (nq,)."""
         rows, all_joints = self._description.index(joints), self._limits
-        legs = self._footing.legs if self._footing is not None else ()
-        torque = PathTorque(self._kinematics, rows, q[self._rows], TORQUE_SHARE, without=legs)
+        torque = PathTorque(self.dynamics, rows, q[self._rows], TORQUE_SHARE)
         jerk = None if all_joints.jerk is None else all_joints.jerk[rows]
         return Limits(all_joints.velocity[rows], all_joints.acceleration[rows], jerk, torque)
 
@@ -252,8 +255,10 @@ class MotionPlanner:
         return found
 
     def torque_limit(self, joints: tuple[str, ...]) -> Array:
-        """(m,) N·m; infinite of legs that stand: nothing here knows what each foot bears."""
-        limit = self._description.torque_limit[self._description.index(joints)].copy()
-        if self._footing is not None:
-            limit[[joint in self._footing.legs for joint in joints]] = np.inf
-        return np.asarray(limit)
+        """(m,) N·m"""
+        return np.asarray(self._description.torque_limit[self._description.index(joints)])
+
+    @property
+    def feet(self) -> tuple[Foot, ...]:
+        """that it stands on, the mechanism's origin first; none: its base is held"""
+        return tuple(self._description.feet) if self._footing is not None else ()

@@ -310,7 +310,13 @@ class MotionSearch:
         for goals, end in zip(reached, ends.tolist(), strict=True):
             held += [replace(one, window=(end, end)) for one in goals]
         found = self._scene.verifier.violations(
-            plan, limits, self._start, constraints=held, torque=torque, cancelled=self._cancelled
+            plan,
+            limits,
+            self._start,
+            constraints=held,
+            torque=torque,
+            feet=self._planner.feet,
+            cancelled=self._cancelled,
         )
         if found:
             raise found[0].error()

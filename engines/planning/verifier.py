@@ -1,9 +1,10 @@
 """Whether a whole timed plan, stroke or motion, keeps what it must: looked at ten times as densely as its knots, before it may be
 returned.
 
-Shares nothing with planners but the robot's model and bodies: curves are evaluated in their power basis, bodies that come too near
-are found by coal's broad phase with a security margin, constraints are measured by `ik.checker`, torques by pinocchio's inverse
-dynamics. A mistake in a path, a spline, a profile or a certificate shows here.
+Shares nothing with planners but the robot's model, its bodies, and by what rule feet share a load: curves are evaluated in
+their power basis, bodies that come too near are found by coal's broad phase with a security margin, constraints are measured by
+`ik.checker`, torques by pinocchio's inverse dynamics, of a robot on its feet under the forces that its momentum asks for. A
+mistake in a path, a spline, a profile or a certificate shows here.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
 from engines.planning.plan import Infeasible
+from engines.planning.timing.standing_torque import wrenches
 from engines.planning.timing.timing import Limits
 from engines.planning.waiting import go_on, never
+from handrail.robot.description import Foot
 
 Array = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]
@@ -120,7 +123,7 @@ class Verifier:
     def violations(
         self, plan: Motion, limits: Limits, at: Array, *, constraints: Sequence[Constraint] = (),
         touching: Mapping[str, Names] | None = None, torque: Array | None = None,
-        cancelled: Callable[[], bool] | None = None,
+        feet: Sequence[Foot] = (), cancelled: Callable[[], bool] | None = None,
     ) -> list[Violation]:  # fmt: skip
         """All that a plan misses, each figure once, at the time when it is worst; by segments, the worst of each kind first.
 
@@ -129,6 +132,7 @@ class Verifier:
         :param constraints: in their windows, s from the plan's beginning
         :param touching: segment → pairs of names (wildcards) that may touch in it, besides those that the world allows
         :param torque: (m,) N·m that the plan's joints have against gravity and inertia; None: not looked at
+        :param feet: that a robot stands on, whose mechanism is seen from the first one's sole; none: what stands still bears all
         :param cancelled: asked often; Cancelled is raised soon after it says True
         :raises ValueError: joints that the mechanism does not have, arrays of wrong shapes
         """
@@ -151,7 +155,7 @@ class Verifier:
                 floors[self._world.touching(*names)] = -np.inf
             found += _worst(segment.name, self._of_bodies(times, q, floors, going))
             if torque is not None:
-                found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, at, torque))
+                found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, at, torque, feet))
             if constraints:
                 found += _worst(segment.name, self._of_constraints(constraints, begin, times, q, going))
             begin += float(segment.times[-1])
@@ -223,8 +227,9 @@ class Verifier:
                     yield time, Measure("clearance", world.between(pair), distance, floor, np.inf, "m"), self._missed
 
     def _of_torques(
-        self, joints: tuple[str, ...], rows: list[int], looks: _Looks, at: Array, torque: Array
-    ) -> Iterator[tuple[float, Measure, float]]:
+        self, joints: tuple[str, ...], rows: list[int], looks: _Looks, at: Array, torque: Array,
+        feet: Sequence[Foot],
+    ) -> Iterator[tuple[float, Measure, float]]:  # fmt: skip
         """At both ends and in the middle of each piece, over which accelerations are linear."""
         q, v, a = at.copy(), np.zeros(self._model.nv), np.zeros(self._model.nv)
         pieces = np.arange(len(looks.times)).reshape(-1, DENSITY + 1)
@@ -235,11 +240,32 @@ class Verifier:
         columns = self._mechanism.coordinate[rows]
         for row, k in enumerate(seen.tolist()):
             q[columns], v[rows], a[rows] = looks.positions[k], looks.velocities[k], looks.accelerations[k]
-            needed[row] = pin.rnea(self._model, self._data, q, v, a)[rows]
+            needed[row] = self._inverse_dynamics(q, v, a, feet)[rows]
         for column, joint in enumerate(joints):
             look, most = int(np.abs(needed[:, column]).argmax()), float(torque[column])
             measure = Measure("torque limits", joint, float(needed[look, column]), -most, most, "N·m")
             yield float(looks.times[seen[look]]), measure, _SHARE * most
+
+    def _inverse_dynamics(self, q: Array, v: Array, a: Array, feet: Sequence[Foot]) -> Array:
+        """(nv,) N·m, by what the momentum's change asks of the ground, and that as forces on the feet."""
+        model, data = self._model, self._data
+        if len(feet) < 2:
+            return np.asarray(pin.rnea(model, data, q, v, a))
+        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
+        pin.updateFramePlacements(model, data)
+        change = pin.SE3(np.eye(3), data.com[0]).act(data.dhg)
+        held, weight = model.inertias[0], -model.gravity.linear
+        whole = change.vector.copy()
+        for mass, place in ((data.mass[0], data.com[0]), (held.mass, held.lever)):
+            whole += np.concatenate([mass * weight, np.cross(place, mass * weight)])
+        frames = [model.frames[self._mechanism.frame_id(foot.link)] for foot in feet]
+        soles = [pin.SE3(data.oMi[each.parentJoint] * each.placement) for each in frames]
+        borne = wrenches(feet, soles, pin.Force(whole))
+        outside = pin.StdVec_Force()
+        outside.extend([pin.Force.Zero() for _ in range(model.njoints)])
+        for each, force in zip(frames[1:], borne[1:], strict=True):
+            outside[each.parentJoint] += each.placement.act(force)
+        return np.asarray(pin.rnea(model, data, q, v, a, outside))
 
     def _of_constraints(
         self, constraints: Sequence[Constraint], begin: float, times: Array, q: Array, cancelled: Callable[[], bool]

@@ -6,12 +6,12 @@ Inverse dynamics along a path q(s) with derivatives q' and q″ by s, Bobrow, Du
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handrail.robot.kinematics import Kinematics
+from handrail.robot.description import RobotDescription
 
 Array = NDArray[np.float64]
 
@@ -21,21 +21,24 @@ FELT = 1e-6
 """N·m: a joint that a motion adds less to is none of its business"""
 
 
+class Dynamics(Protocol):
+    """Of a robot whose base is held (`Kinematics`), or that stands (`StandingDynamics`)."""
+
+    @property
+    def description(self) -> RobotDescription: ...
+    def gravity(self, position: Array) -> Array: ...
+    def inverse_dynamics(self, positions: Array, velocities: Array, accelerations: Array) -> Array: ...
+
+
 class PathTorque:
     """Of one robot, of which some joints move while all others stand."""
 
-    def __init__(
-        self, kinematics: Kinematics, rows: NDArray[np.int64], position: Array, share: float,
-        without: Collection[str] = (),
-    ):  # fmt: skip
-        """`rows` (m,) that move; `position` (n,) rad, where the others stand; `share`: of the torque limits that may be used.
-
-        `without`: joints whose torque is not looked at, as of legs that stand: it depends on what each foot bears.
-        """
-        self._kinematics, self._rows, self._position = kinematics, rows, position.copy()
-        description = kinematics.description
+    def __init__(self, dynamics: Dynamics, rows: NDArray[np.int64], position: Array, share: float):
+        """`rows` (m,) that move; `position` (n,) rad, where the others stand; `share`: of the torque limits that may be used."""
+        self._dynamics, self._rows, self._position = dynamics, rows, position.copy()
+        description = dynamics.description
         self.joints = description.joints
-        self.limit = np.where([joint in without for joint in self.joints], np.inf, share * description.torque_limit)
+        self.limit = share * description.torque_limit
         """(n,) N·m that may be used, all joints'"""
         self._friction = np.array([actuator.friction for actuator in description.actuators])
 
@@ -44,8 +47,8 @@ class PathTorque:
         spread = np.zeros((3, len(q), len(self._position)))
         spread[0] = self._position
         spread[:, :, self._rows] = q, velocity, acceleration
-        still = np.array([self._kinematics.gravity(row) for row in spread[0]])
-        moving = self._kinematics.inverse_dynamics(*spread) - still
+        still = np.array([self._dynamics.gravity(row) for row in spread[0]])
+        moving = self._dynamics.inverse_dynamics(*spread) - still
         still[:, self._rows] += self._friction[self._rows] * np.sign(velocity)
         return moving, still
 
@@ -58,5 +61,5 @@ class PathTorque:
         """(a, b, c, joints): τ = a s̈ + b ṡ² + c, each (k, j) N·m, of those joints (j,) that feel the motion."""
         a, _ = self.needed(q, np.zeros_like(slope), slope)
         b, c = self.needed(q, slope, curvature)
-        felt = np.flatnonzero(((np.abs(a) + np.abs(b)).max(axis=0) > FELT) & np.isfinite(self.limit))
+        felt = np.flatnonzero((np.abs(a) + np.abs(b)).max(axis=0) > FELT)
         return a[:, felt], b[:, felt], c[:, felt], felt

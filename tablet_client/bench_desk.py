@@ -22,7 +22,7 @@ _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do 
 _TAP = 24.0  # px from a template that are still on it
 _SLIDER = ("name", "title", "unit", "value", "low", "high", "step", "text")
 _WAYPOINT = ("name", "state", "why")
-_INSTANCE = ("name", "template", "selected")
+_INSTANCE = ("name", "template", "selected", "heldBy")
 _SENT_AS = {"delete": "RemoveInstance", "plan": "MakePlan"}
 
 
@@ -143,7 +143,7 @@ class BenchDesk(QObject):
     @Slot(str)
     def letGo(self, parameter: str) -> None:
         """A parameter's slider is let go."""
-        self._bench.edits.let_go(self._bench.selected, parameter)
+        self._bench.edits.drop(self._bench.selected)
         self._soon()
 
     @Slot(str, float)
@@ -226,7 +226,12 @@ class BenchDesk(QObject):
         bench, state = self._bench, self._bench.state
         self._lists["instances"].show(
             [
-                {"name": name, "template": each.template, "selected": name == bench.selected}
+                {
+                    "name": name,
+                    "template": each.template,
+                    "selected": name == bench.selected,
+                    "heldBy": bench.held_by(name),
+                }
                 for name, each in self._situation.world.instances.items()
             ]
         )

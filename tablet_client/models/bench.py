@@ -80,6 +80,7 @@ class Bench:
         name = name if name in self._world.instances else ""
         if name != self.selected:
             self.release()
+            self.edits.drop(self.selected)  # a slider that has gone does not say that it was let go
             self.selected, self.trajectory = name, ""
             self._reach, self._no_reach = None, ""
 
@@ -98,6 +99,11 @@ class Bench:
                 msgspec.structs.replace(state, joint_state={**state.joint_state, **looked}) if looked else state
             )
         return found
+
+    def held_by(self, name: str) -> str:
+        """The other operator who holds an instance; empty: nobody, or a finger here."""
+        told = self._world.instances.get(name)
+        return "" if told is None or self.edits.held(name) else told.held_by
 
     @property
     def pose(self) -> Array | None:
@@ -177,9 +183,8 @@ class Bench:
 
     def turn(self, parameter: str, value: float) -> None:
         """One of `parameters` is being changed."""
-        now = next((each.value for each in self.parameters if each.name == parameter), None)
-        if now is not None:
-            self.edits.turn(self.selected, parameter, value, now)
+        if any(each.name == parameter for each in self.parameters):
+            self.edits.turn(self.selected, parameter, value)
 
     def look_at(self, joint: str, position: float) -> None:
         """Show the selected instance with a joint somewhere; the robot believes what it did."""

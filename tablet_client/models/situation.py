@@ -169,6 +169,8 @@ class Situation:
             self.task.tree.take(item.answer)
         elif isinstance(item.answer, messages.InstanceState):
             self.world.take(item.answer)
+        elif isinstance(item.answer, messages.InstanceEdit):
+            self._stepped(item.answer)
         elif isinstance(item.answer, messages.Reach):
             self.bench.take(item.answer)
         elif isinstance(item.answer, messages.Library) and not item.call.engine:  # type: ignore[attr-defined]
@@ -178,6 +180,12 @@ class Situation:
         self.bench.edits.answered(item.call)
         if isinstance(item.call, messages.PlanMotion):
             self.move.planned()
+
+    def _stepped(self, edit: messages.InstanceEdit) -> None:
+        if edit.instance is not None:
+            self.world.take(edit.instance)
+        for field, why in edit.left.items():
+            self.note("info", "left", f"{edit.name}, {field}", why)
 
     def _call_failed(self, item: arrivals.CallFailed) -> None:
         name = type(item.call).__name__

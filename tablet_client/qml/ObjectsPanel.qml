@@ -40,8 +40,9 @@ Panel {
                         required property string name
                         required property string template
                         required property bool selected
+                        required property string heldBy
                         objectName: "instance_" + name
-                        text: name
+                        text: heldBy ? qsTr("%1 · held by %2").arg(name).arg(heldBy) : name
                         checked: selected
                         Accessible.name: qsTr("%1, a %2").arg(name).arg(Words.name(template))
                         Accessible.checkable: true

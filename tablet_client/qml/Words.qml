@@ -242,6 +242,7 @@ QtObject {
         case "stop_sending": return qsTr("STOP sent")
         case "stop_answered": return qsTr("STOP confirmed by the robot")
         case "stop_failed": return qsTr("STOP not confirmed: %1").arg(x)
+        case "left": return qsTr("%1 stays: %2").arg(x).arg(y)
         case "refused": return qsTr("%1 refused: %2").arg(x).arg(y)
         case "unanswered": return qsTr("%1 not answered: %2").arg(x).arg(y)
         case "run_ready": return qsTr("%1 is ready").arg(Words.name(x))

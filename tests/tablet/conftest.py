@@ -43,6 +43,8 @@ from handrail.messages import (
     GetRobot,
     GetRunHistory,
     GetStatus,
+    HoldInstance,
+    InstanceEdit,
     Instances,
     InstanceState,
     Library,
@@ -64,6 +66,7 @@ from handrail.messages import (
     Reach,
     Refused,
     Release,
+    ReleaseInstance,
     Releases,
     RobotInfo,
     RobotState,
@@ -75,10 +78,11 @@ from handrail.messages import (
     SetParameters,
     StateVisit,
     Stop,
+    UndoEdit,
     WaypointReach,
 )
 from handrail.robot import library as robots
-from handrail.topics import RefusedError, Unreachable
+from handrail.topics import RefusedError, Unreachable, refuse
 from tests.tablet.behind import Behind
 from tests.tablet.shown import Shown
 
@@ -98,6 +102,8 @@ class FakeRobot:
         self.hanging = threading.Event()  # set: calls other than STOP never come back
         self.released = threading.Event()
         self.instances: list[InstanceState] = []
+        self.steps: list[InstanceState] = []
+        """instances as they were before what can be taken back"""
         self.plans: list[PlanPreview] = []
         self.answers_plan: PlanPreview | None = None
         self.run: RunState | None = None
@@ -221,6 +227,25 @@ class FakeRobot:
         self.publish(new)
         return new
 
+    def held(self, name: str, by: str) -> InstanceState:
+        """An instance that is taken hold of, or let go; what is done meanwhile is one step to undo."""
+        old = next(each for each in self.instances if each.name == name)
+        if by and not old.held_by:
+            self.steps.append(old)
+        new = msgspec.structs.replace(old, held_by=by)
+        self.instances = [new if each is old else each for each in self.instances]
+        self.publish(new)
+        return new
+
+    def undone(self) -> InstanceEdit:
+        if not self.steps:
+            raise refuse("nothing to undo: local has done nothing that is still known")
+        was = self.steps.pop()
+        new = self.edited(was.name, pose_in_world=was.pose_in_world, parameters=was.parameters)
+        return InstanceEdit(
+            name=was.name, instance=new, fields=["position"], left={"orientation": "ben has changed it"}
+        )
+
     def reach(self, call: GetReach) -> Reach:
         """One waypoint is within reach, one near a limit, one is not; of the others nothing is told."""
         told = [
@@ -318,6 +343,9 @@ class FakeRobot:
             ),
             GetInstances: lambda: Instances(instances=self.instances),
             GetPlan: lambda: self.answers_plan,
+            HoldInstance: lambda: self.held(call.name, "local"),
+            ReleaseInstance: lambda: self.held(call.name, ""),
+            UndoEdit: self.undone,
             MoveInstance: lambda: self.edited(call.name, pose_in_world=call.pose_in_world),
             SetParameters: lambda: self.edited(call.name, parameters=call.parameters),
             ListLibrary: lambda: Library(

@@ -7,16 +7,21 @@ import math
 import msgspec
 import pytest
 
+from affordance_templates.server import AffordanceServer
 from handrail.messages import (
     GetEngine,
     GetReach,
     GetRobot,
+    HoldInstance,
     MoveInstance,
     PlaceInstance,
     Pose,
     Reach,
+    RedoEdit,
+    ReleaseInstance,
     RemoveInstance,
     SetParameters,
+    UndoEdit,
     WaypointReach,
 )
 from tablet_client.models import arrivals
@@ -48,6 +53,8 @@ def carry(situation: Situation, robot, now: float) -> list:
 
 def test_of_a_drag_the_latest_place_is_sent_one_call_at_a_time_and_thirty_times_a_second_at_most(situation, robot):
     edits = situation.bench.edits
+    edits.drag("wheel_1", at(0.49))
+    assert carry(situation, robot, 0.0) == [HoldInstance(name="wheel_1")], "nobody else moves it before it is moved"
     edits.drag("wheel_1", at(0.50))
     (first,) = edits.want(0.0)
     for step in range(20):
@@ -55,7 +62,36 @@ def test_of_a_drag_the_latest_place_is_sent_one_call_at_a_time_and_thirty_times_
     assert edits.want(0.02) == [], "one is under way"
     situation.take(arrivals.CallDone(first, robot.answer(first)))
     assert edits.want(0.02) == [], "too soon after the one before"
-    assert edits.want(0.034) == [MoveInstance(name="wheel_1", pose_in_world=at(0.529))]
+    edits.drop("wheel_1")
+    assert carry(situation, robot, 0.034) == [MoveInstance(name="wheel_1", pose_in_world=at(0.529))]
+    assert carry(situation, robot, 0.07) == [ReleaseInstance(name="wheel_1")], "once the last place is there"
+    assert not edits.waiting
+
+
+def test_a_finger_that_rests_on_an_instance_goes_on_holding_it(situation, robot):
+    edits = situation.bench.edits
+    edits.drag("wheel_1", at(0.5))
+    carry(situation, robot, 0.0)
+    carry(situation, robot, 0.0)
+    assert carry(situation, robot, 0.5) == [] and carry(situation, robot, 0.71) == [HoldInstance(name="wheel_1")]
+    assert situation.bench.held_by("wheel_1") == "", "it is this operator"
+    edits.drop("wheel_1")
+    carry(situation, robot, 0.8)
+    assert carry(situation, robot, 2.0) == [] and situation.world.instances["wheel_1"].held_by == ""
+
+
+def test_what_somebody_else_holds_stays_and_is_told_whose_it_is(situation, robot):
+    bench = situation.bench
+    situation.take(robot.wheel(held_by="ben"))
+    assert bench.held_by("wheel_1") == "ben"
+    bench.edits.drag("wheel_1", at(0.7))
+    (hold,) = bench.edits.want(0.0)
+    situation.take(arrivals.CallFailed(hold, "wheel_1 is held by ben", refused=True))
+    bench.edits.drag("wheel_1", at(0.8))
+    assert bench.edits.want(1.0) == [] and bench.shown()["wheel_1"] == situation.world.instances["wheel_1"]
+    bench.edits.drop("wheel_1")
+    bench.edits.drag("wheel_1", at(0.9))
+    assert bench.edits.want(2.0) == [HoldInstance(name="wheel_1")], "the next finger asks anew"
 
 
 def test_what_is_dragged_is_shown_where_the_finger_is_before_the_robot_has_answered(situation, robot):
@@ -63,32 +99,60 @@ def test_what_is_dragged_is_shown_where_the_finger_is_before_the_robot_has_answe
     bench.edits.drag("wheel_1", at(0.7))
     assert bench.shown()["wheel_1"].pose_in_world == at(0.7)
     assert situation.world.instances["wheel_1"].pose_in_world != at(0.7)
-    (call,) = bench.edits.want(0.0)
+    carry(situation, robot, 0.0)
+    (call,) = bench.edits.want(0.1)
     situation.take(arrivals.CallFailed(call, "somebody else drags it", refused=True))
     assert bench.shown()["wheel_1"] == situation.world.instances["wheel_1"]
     assert situation.journal.entries[-1].details == ("MoveInstance", "somebody else drags it")
 
 
-def test_a_whole_drag_is_one_step_back_and_forth(situation, robot):
+def test_undo_is_the_engines_and_leaves_when_all_of_a_drag_has_arrived(situation, robot):
     edits, before = situation.bench.edits, situation.world.instances["wheel_1"].pose_in_world
     for step in range(5):
         edits.drag("wheel_1", at(0.5 + step / 10))
         carry(situation, robot, float(step))
     edits.drop("wheel_1")
     edits.undo()
-    carry(situation, robot, 10.0)
+    sent = [call for step in range(4) for call in carry(situation, robot, 10.0 + step)]
+    assert [type(call) for call in sent] == [MoveInstance, ReleaseInstance, UndoEdit]
     assert situation.world.instances["wheel_1"].pose_in_world == before
-    assert not edits.can_undo and edits.can_redo
+    assert situation.journal.entries[-1].details == ("wheel_1, orientation", "ben has changed it")
+    assert edits.can_redo
     edits.redo()
-    carry(situation, robot, 11.0)
-    assert situation.world.instances["wheel_1"].pose_in_world == at(0.9)
+    assert edits.want(20.0) == [RedoEdit()]
 
 
-def test_a_refused_edit_can_not_be_taken_back(situation):
-    situation.bench.edits.move("wheel_1", at(0.7))
-    (call,) = situation.bench.edits.want(0.0)
-    situation.take(arrivals.CallFailed(call, "no", refused=True))
-    assert not situation.bench.edits.can_undo
+def test_a_drag_and_its_undo_go_together_with_the_affordance_servers(situation, tmp_path):
+    server, edits = AffordanceServer(tmp_path / "instances.json", changed=situation.take), situation.bench.edits
+    before = Pose(position=(0.55, -0.35, 0.30))
+    server.place(PlaceInstance(name="mine", template="wheel", pose_in_world=before))
+    answers = {HoldInstance: server.hold, ReleaseInstance: server.release, MoveInstance: server.move}
+
+    def answer(call):
+        return server.undo(call) if isinstance(call, UndoEdit) else answers[type(call)](call).state()
+
+    for step in range(9):
+        if step < 5:
+            edits.drag("mine", at(0.5 + step / 10))
+        elif step == 5:
+            assert situation.world.instances["mine"].held_by == "local" and server.get("mine").version == 5
+            edits.drop("mine")
+            edits.undo()
+        for call in edits.want(step / 10):
+            situation.take(arrivals.CallDone(call, answer(call)))
+    assert server.get("mine").pose_in_world == before and server.get("mine").held_by == ""
+    assert situation.world.instances["mine"].pose_in_world == before
+
+
+def test_when_the_engine_knows_of_nothing_to_take_back_the_button_says_so_until_the_next_edit(situation, robot):
+    edits = situation.bench.edits
+    edits.undo()
+    (call,) = edits.want(0.0)
+    situation.take(arrivals.CallFailed(call, "nothing to undo", refused=True))
+    assert not edits.can_undo
+    edits.move("wheel_1", at(0.7))
+    carry(situation, robot, 1.0)
+    assert edits.can_undo and not edits.can_redo
 
 
 def test_parameters_have_the_templates_bounds_units_and_words_and_are_changed_by_their_sliders(situation, robot):
@@ -99,11 +163,10 @@ def test_parameters_have_the_templates_bounds_units_and_words_and_are_changed_by
     assert next(each for each in bench.parameters if each.name == "spokes").step == 1.0
     for value in (0.16, 0.18, 0.2):
         bench.turn("radius", value)
-    bench.edits.let_go("wheel_1", "radius")
+    bench.edits.drop("wheel_1")
     assert carry(situation, robot, 0.0) == [SetParameters(name="wheel_1", parameters={"radius": 0.2})]
     assert next(each for each in bench.parameters if each.name == "radius").value == 0.2
-    bench.edits.undo()
-    assert carry(situation, robot, 1.0) == [SetParameters(name="wheel_1", parameters={"radius": 0.15})]
+    assert not bench.edits.waiting, "what was over before it was told needs no hold"
 
 
 def test_numbers_are_millimetres_and_degrees_and_one_that_is_typed_leaves_the_others(situation, robot):
@@ -168,11 +231,6 @@ def test_a_template_is_placed_under_a_name_of_its_own_and_removed_as_it_was(situ
     assert [(each.name, each.template) for each in placed] == [("wheel_2", "wheel"), ("spare", "wheel")]
     bench.edits.remove("wheel_1")
     assert RemoveInstance(name="wheel_1") in bench.edits.want(1.0)
-    bench.edits.undo()
-    state = situation.world.instances["wheel_1"]
-    assert bench.edits.want(2.0) == [
-        PlaceInstance(name="wheel_1", template="wheel", pose_in_world=state.pose_in_world, parameters={})
-    ]
 
 
 def test_what_somebody_else_takes_away_is_no_longer_selected(situation, robot):

@@ -45,7 +45,7 @@ from handrail.topics import Publisher
 TRUTH_STEPS = 20
 """Ground truth goes out every so many steps: 50 Hz of simulated time. A multiple of those after which `World.go_on` stops."""
 SILENCE_S = 0.5
-"""wall time without Sync or HoldTime after which a lock-step world runs free"""
+"""wall time of listening without Sync or HoldTime after which a lock-step world runs free"""
 _PATIENCE_S = 0.2
 """the longest wait, so that SIGTERM is heard"""
 _PRIORITY, _CPUS = 70, (0,)  # below the daemon's, on the other core
@@ -121,23 +121,28 @@ class Service:
     def run_lockstep(self) -> None:
         """Step when Sync comes; see the module's text."""
         self.hub.lockstep(self.world.description.period_ns, self._node.sync_id, self._node.hold_id)
-        heard: float | None = None
+        heard = False
+        silent = 0.0
+        # s that it has listened in vain. Time in which it stepped, or a busy machine did not let it run, is none of the host's:
+        # what came meanwhile is heard first, else all drives' watchdogs would fire at a host that had spoken.
         free_since: float | None = None
         free_steps = 0
         wait = _PATIENCE_S
         while not self._stopping:
+            asked = time.monotonic()
             records = self.hub.poll(wait)
+            listened = min(time.monotonic() - asked, wait)
             syncs, holds = self._hear(records)
             if not syncs and len(replies := self._node.replies()):
                 self.hub.transmit(replies, self._node.senders)
-            if syncs or (holds and heard is not None):
-                heard, free_since, wait = time.monotonic(), None, _PATIENCE_S
+            if syncs or (holds and heard):
+                heard, silent, free_since, wait = True, 0.0, None, _PATIENCE_S
                 self.hub.owe_ticks(syncs)
                 self._advance(syncs * self._steps_a_period)
                 self.hub.tick()
-            elif heard is not None:
-                now = time.monotonic()
-                if free_since is None and now - heard >= SILENCE_S:
+            elif heard:
+                now, silent = time.monotonic(), silent + listened
+                if free_since is None and silent >= SILENCE_S:
                     free_since, free_steps, wait = now, 0, STEP_NS * 1e-9
                     self.free_runs += 1
                 if free_since is not None:

@@ -15,6 +15,7 @@ from PySide6.QtCore import Property, QObject, Qt, QTimer, Signal, Slot
 
 from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, Jog, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
+from tablet_client.camera_desk import CameraDesk
 from tablet_client.journal_list import JournalList
 from tablet_client.library_desk import LibraryDesk
 from tablet_client.models.arrivals import Inbox
@@ -65,6 +66,7 @@ class Desk(QObject):
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
         self._library = LibraryDesk(situation, self._send, self._soon)
         self._pairing = PairingDesk()
+        self._camera = CameraDesk(situation)
         self._signals = SignalsDesk(situation)
         self._move = MoveDesk(situation, self._send, self._go, self._soon)
         self._header: dict[str, Any] = {}
@@ -111,6 +113,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def move(self) -> MoveDesk:
         return self._move
+
+    @Property(QObject, constant=True)
+    def camera(self) -> CameraDesk:
+        return self._camera
 
     @Property(QObject, constant=True)
     def pairing(self) -> PairingDesk:
@@ -250,6 +256,7 @@ class Desk(QObject):
         self._run.build()
         self._bench.build()
         self._library.build()
+        self._camera.build()
         self._signals.build()
         self._move.build()
         self._hands.show(self._build_hands())

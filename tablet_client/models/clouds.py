@@ -17,6 +17,8 @@ class Seen:
     time_ns: int
     """the robot's clock, when it was taken"""
     points: cloud.Points
+    origin: tuple[float, float, float]
+    """m, world frame: where the camera stood"""
 
 
 class Clouds:
@@ -30,7 +32,7 @@ class Clouds:
     def take(self, picture: PointCloud) -> str:
         """Learn from a picture. Returns why it can't be shown where that is news, else nothing."""
         try:
-            self.seen[picture.camera] = Seen(picture.time_ns, cloud.unpack(picture))
+            self.seen[picture.camera] = Seen(picture.time_ns, cloud.unpack(picture), picture.origin)
         except ValueError as error:
             self.seen.pop(picture.camera, None)
             news = str(error) if picture.camera not in self.problems else ""

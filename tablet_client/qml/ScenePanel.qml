@@ -143,6 +143,19 @@ Rectangle {
             color: Theme.warning
             font.pixelSize: Theme.small
         }
+        ActionButton {
+            objectName: "inset"
+            anchors.right: parent.right
+            text: qsTr("Picture")
+            why: cloudButton.why
+            checked: desk.camera.view.open
+            opacity: 0.94
+            Accessible.name: qsTr("Show what the camera sees from where it stands")
+            Accessible.checkable: true
+            Accessible.checked: checked
+            onClicked: desk.camera.open(!desk.camera.view.open)
+        }
+        CameraInset { anchors.right: parent.right }
     }
     Column {
         anchors { top: views.bottom; left: parent.left; right: parent.right; margins: Theme.gap

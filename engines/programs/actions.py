@@ -7,7 +7,7 @@ whole run hears both, programs that states run among it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -79,14 +79,7 @@ def check(
         expression(f"{path}.after", file.after)
         if file.data and not file.send:
             raise error(f"{path}.data", "data of nothing; expected it with `send`")
-        for name, value in file.data.items():
-            if not name.isidentifier() or name.startswith("_") or name in _event_data_kwargs:
-                raise error(f"{path}.data.{name}", f"{name!r} can't be used in expressions; expected another name")
-            if "_event" in str(value):
-                raise error(
-                    f"{path}.data.{name}", f"got {value!r}; expected no _event: `set` a variable from it before"
-                )
-            expression(f"{path}.data.{name}", value)
+        check_data(document, f"{path}.data", file.data, expression)
         event = file.raise_ or file.send
         if event and (event.startswith(_RESERVED) or any(each in event for each in " *|")):
             raise error(
@@ -120,6 +113,17 @@ def data_of(actions: Iterable[Action], event: str) -> frozenset[str]:
         if (name := each.file.raise_ or each.file.send) and f"{name}.".startswith(f"{event.removesuffix('.*')}.")
     ]
     return frozenset.intersection(*taken) if taken else frozenset()
+
+
+def check_data(document: Document, path: str, data: Mapping[str, Any], expression: Callable[[str, Any], None]) -> None:
+    """Raise config.ConfigError at the first of an event's data that can't be: name → expression, which `expression` checks."""
+    for name, value in data.items():
+        if not name.isidentifier() or name.startswith("_") or name in _event_data_kwargs:
+            raise document.error(f"{path}.{name}", f"{name!r} can't be used in expressions; expected another name")
+        if "_event" in str(value):
+            problem = f"got {value!r}; expected no _event: `set` a variable from it before"
+            raise document.error(f"{path}.{name}", problem)
+        expression(f"{path}.{name}", value)
 
 
 def native(actions: Sequence[Action], scope: str) -> list[dict[str, Any]]:

@@ -124,6 +124,14 @@ def _check_shape(program: Program, state: State) -> None:
     if (file.outcome or file.detail) and not (file.final and state.parent is None):
         part = "outcome" if file.outcome else "detail"
         raise error(f"{state.path}.{part}", "only a top-level final state has one")
+    if file.data and (not file.final or state.parent is None or state.parent.file.parallel):
+        raise error(f"{state.path}.data", "only a final state in another one has data, for `done.state.`")
+    actions.check_data(
+        program.document,
+        f"{state.path}.data",
+        file.data,
+        lambda path, value: _check_expression(program, path, value, frozenset()),
+    )
     _check_text(program, f"{state.path}.detail", file.detail, frozenset())
     _check_actions(program, (*state.enter, *state.exit), frozenset())
 
@@ -200,11 +208,10 @@ def _data_of(program: Program, path: str, event: str, states: dict[str, State]) 
             )
         if named.called is not None and prefix == "done.invoke.":
             return frozenset({"outcome", *named.called.outputs})
-        return (
-            SIGNATURES[named.file.do].outputs_of(named.file.with_)
-            if named.file.do in SIGNATURES and prefix == "done.invoke."
-            else frozenset()
-        )
+        if prefix == "done.state.":
+            ends = [frozenset(child.file.data) for child in named.children if child.file.final]
+            return frozenset.intersection(*ends) if ends else frozenset()
+        return SIGNATURES[named.file.do].outputs_of(named.file.with_) if named.file.do in SIGNATURES else frozenset()
     if event in ("error.execution", "error"):
         return ERROR_OUTPUTS
     return actions.data_of((each for state in program.states() for each in _actions_of(state)), event)

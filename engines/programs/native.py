@@ -50,7 +50,12 @@ def _state(state: State, initial: Mapping[str | None, str], first: bool, several
     """`first`: it is entered with its parent; `several`: there are programs that others run."""
     done = {"enter": actions.native(state.enter, state.scope), "exit": actions.native(state.exit, state.scope)}
     if state.file.final:
-        return {"final": True, "initial": first, **done}
+        given = [
+            {"name": name, "expr": within(state.scope, value if isinstance(value, str) else repr(value))}
+            for name, value in state.file.data.items()
+        ]
+        data = {"donedata": {"params": given}} if given else {}
+        return {"final": True, "initial": first, **done, **data}
     native: dict[str, Any] = {"initial": first, "parallel": state.file.parallel, **done}
     native["transitions"] = [
         each for k, way in enumerate(state.transitions) for each in _ways(way, state, f"{state.id}.{k}", several)

@@ -118,6 +118,8 @@ class StateFile(_Struct, rename={"with_": "with"}):
     """top-level final states: how the run ends, or the state that runs this program: done, or failed"""
     detail: str = ""
     """top-level final states: words for people, with {expression} in them"""
+    data: dict[str, Any] = {}
+    """final states in another one: name → expression; `_event.data` after `done.state.` has them"""
 
 
 class ProgramFile(_Struct):

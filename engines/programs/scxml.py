@@ -10,96 +10,28 @@ from __future__ import annotations
 
 import ast
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
+from engines.programs.scxml_elements import ATTRIBUTES, OWN, Element, parsed
 from handrail.config import ConfigError, Document
 from handrail.yaml_file import Map, Seq
 
 SUFFIX = ".scxml"
-OWN = "https://handrail/scxml"
-"""namespace of attributes of ours: `resource`, `template`, `parameter`, `unit`, `min`, `max` of `<data>`"""
-_SCXML = "http://www.w3.org/2005/07/scxml"
 _DATAMODELS = ("null", "python", "handrail", "ecmascript")
 """of ecmascript what means the same in Python; its words for True, False and None are known everywhere"""
 _WORDS = {"true": True, "false": False, "null": None, "undefined": None}
 _PROCESSORS = ("scxml", "http://www.w3.org/TR/scxml/#SCXMLEventProcessor")
 _TIME = re.compile(r"(\d*\.?\d+)(s|ms)")
-_ATTRIBUTES = {
-    "scxml": {"name", "initial", "version", "datamodel", "binding"},
-    "state": {"id", "initial"},
-    "parallel": {"id"},
-    "final": {"id"},
-    "history": {"id", "type"},
-    "transition": {"event", "cond", "target", "type"},
-    "onentry": set(),
-    "onexit": set(),
-    "assign": {"location", "expr"},
-    "raise": {"event"},
-    "send": {"event", "delay", "delayexpr", "type", "target", "namelist"},
-    "log": {"label", "expr"},
-    "if": {"cond"},
-    "elseif": {"cond"},
-    "else": set(),
-    "data": {"id", "expr", *(f"{OWN} {name}" for name in ("resource", "template", "parameter", "unit", "min", "max"))},
-    "invoke": {"type", "id"},
-    "param": {"name", "expr"},
-}
 _STATES = ("state", "parallel", "final")
-
-
-@dataclass
-class _Element:
-    tag: str
-    line: int
-    attributes: dict[str, str]
-    children: list[_Element] = field(default_factory=list)
 
 
 def read(file: Path) -> Document:
     """The document of a program. Raises ConfigError with file, line and element."""
     try:
-        return _Reader(file).document(_parsed(file))
+        return _Reader(file).document(parsed(file))
     except OSError as problem:
         raise ConfigError(file, None, "", f"can't be read: {problem}") from problem
-
-
-def _parsed(file: Path) -> _Element:
-    parser = expat.ParserCreate("utf-8", " ")  # as programs are kept and hashed, whatever the file declares
-    whole = _Element("", 0, {})
-    inside = [whole]
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        space, _, name = tag.rpartition(" ")
-        line = parser.CurrentLineNumber
-        if space not in ("", _SCXML):
-            raise ConfigError(file, line, f"<{name}>", f"of {space!r}, which no program has; expected SCXML's elements")
-        inside[-1].children.append(_Element(name, line, attributes))
-        inside.append(inside[-1].children[-1])
-
-    def doctype(*_: Any) -> None:
-        raise ConfigError(file, parser.CurrentLineNumber, "<!DOCTYPE>", "a document type; expected none")
-
-    parser.StartElementHandler = start
-
-    def words(text: str) -> None:
-        if text.strip() and inside[-1].tag in _ATTRIBUTES:  # others are refused by name
-            place = inside[-1]
-            shown = text.strip()[:40]
-            raise ConfigError(
-                file, parser.CurrentLineNumber, f"<{place.tag}>", f"has {shown!r} in it; expected elements"
-            )
-
-    parser.CharacterDataHandler = words
-    parser.EndElementHandler = lambda tag: inside.pop()
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(file.read_bytes(), True)
-    except expat.ExpatError as problem:
-        raise ConfigError(file, problem.lineno, "", f"not XML: {expat.ErrorString(problem.code)}") from problem
-    return whole.children[0]
 
 
 class _Reader:
@@ -107,7 +39,7 @@ class _Reader:
         self._file = file
         self._top: dict[str, Map] = {name: Map() for name in ("resources", "parameters", "variables")}
 
-    def document(self, root: _Element) -> Document:
+    def document(self, root: Element) -> Document:
         if root.tag != "scxml":
             raise self._error(root, "no SCXML; expected <scxml> at the top")
         self._known(root)
@@ -124,7 +56,7 @@ class _Reader:
         _put(data, "states", states, root.line)
         return Document(self._file, data)
 
-    def _states(self, parent: _Element, *, top: bool = False) -> Map:
+    def _states(self, parent: Element, *, top: bool = False) -> Map:
         states, first = Map(), parent.attributes.get("initial", "")
         for each in parent.children:
             if each.tag in _STATES:
@@ -147,7 +79,7 @@ class _Reader:
             _put(states[first], "initial", True, parent.line)
         return states
 
-    def _state(self, element: _Element, *, top: bool) -> Map:
+    def _state(self, element: Element, *, top: bool) -> Map:
         self._known(element)
         state, ways, histories = Map(), Seq(), Map()
         entered = {"onentry": Seq(), "onexit": Seq()}
@@ -182,8 +114,11 @@ class _Reader:
                 entered[each.tag] += steps
                 entered[each.tag].lines += steps.lines
             elif each.tag == "donedata":
-                if element.tag != "final" or not top:
+                if element.tag != "final":
                     raise self._refused(each)
+                if not top:
+                    _put(state, "data", self._event_data(each.children), each.line)
+                    continue
                 for name, value in self._parameters(each).items():
                     _put(state, name, value, each.line)
         children = self._states(element)
@@ -195,7 +130,7 @@ class _Reader:
                 _put(state, name, part, element.line)
         return state
 
-    def _transition(self, element: _Element) -> Map:
+    def _transition(self, element: Element) -> Map:
         self._known(element)
         way = Map()
         if (kind := element.attributes.get("type", "external")) not in ("external", "internal"):
@@ -218,7 +153,7 @@ class _Reader:
             _put(way, "actions", steps, element.line)
         return way
 
-    def _actions(self, elements: list[_Element], line: int) -> Seq:
+    def _actions(self, elements: list[Element], line: int) -> Seq:
         """What is done, in order."""
         steps = Seq()
         for each in elements:
@@ -250,7 +185,7 @@ class _Reader:
             steps.lines.append(each.line)
         return steps
 
-    def _if(self, whole: _Element, branch: _Element, children: list[_Element], step: Map) -> None:
+    def _if(self, whole: Element, branch: Element, children: list[Element], step: Map) -> None:
         """`children`: what follows `branch`, an if, elseif or else."""
         at = next((k for k, each in enumerate(children) if each.tag in ("elseif", "else")), len(children))
         _put(step, "if", self._expression(branch.attributes["cond"]), branch.line)
@@ -269,16 +204,12 @@ class _Reader:
         branches.lines.append(other.line)
         _put(step, "else", branches, other.line)
 
-    def _send(self, element: _Element, step: Map) -> None:
+    def _send(self, element: Element, step: Map) -> None:
         self._given(element, "event")
         given = element.attributes
-        data = Map()
+        data = self._event_data(element.children)
         for name in given.get("namelist", "").split():
             self._once(data, name, name, element)
-        for each in element.children:
-            if each.tag != "param" or each.attributes.keys() != {"name", "expr"}:
-                raise self._error(each, "no program sends that; expected <param> with `name` and `expr`")
-            self._once(data, each.attributes["name"], self._expression(each.attributes["expr"]), each)
         if (kind := given.get("type", "scxml")) not in _PROCESSORS:
             raise self._error(element, f"type={kind!r}; expected none, or {_PROCESSORS[1]}")
         if "target" in given:
@@ -300,7 +231,15 @@ class _Reader:
             if seconds := float(found[1]) / (1000 if found[2] == "ms" else 1):
                 _put(step, "after", seconds, element.line)
 
-    def _given(self, element: _Element, *must: str) -> None:
+    def _event_data(self, elements: list[Element]) -> Map:
+        data = Map()
+        for each in elements:
+            if each.tag != "param" or each.attributes.keys() != {"name", "expr"}:
+                raise self._error(each, "no event of a program carries that; expected <param> with `name` and `expr`")
+            self._once(data, each.attributes["name"], self._expression(each.attributes["expr"]), each)
+        return data
+
+    def _given(self, element: Element, *must: str) -> None:
         self._known(element)
         if missing := [name for name in must if name not in element.attributes]:
             raise self._error(element, f"expected {' and '.join(f'`{name}`' for name in missing)}")
@@ -315,7 +254,7 @@ class _Reader:
         after = ast.unparse(_InPython().visit(tree))
         return text if after == before else after
 
-    def _data(self, element: _Element) -> None:
+    def _data(self, element: Element) -> None:
         if element.tag != "data":
             raise self._refused(element)
         self._known(element)
@@ -336,7 +275,7 @@ class _Reader:
         else:
             self._once(self._top["variables"], id, value, element)
 
-    def _parameters(self, element: _Element) -> Map:
+    def _parameters(self, element: Element) -> Map:
         """Arguments: what is written as a value is that value, anything else an expression."""
         found = Map()
         for each in element.children:
@@ -352,7 +291,7 @@ class _Reader:
             self._once(found, each.attributes["name"], value, each)
         return found
 
-    def _literal(self, element: _Element, text: str) -> Any:
+    def _literal(self, element: Element, text: str) -> Any:
         try:
             return ast.literal_eval(self._expression(text))
         except (ValueError, SyntaxError) as problem:
@@ -360,36 +299,36 @@ class _Reader:
                 element, f"got {text!r}; expected a number, a text in quotes, True, False or None"
             ) from problem
 
-    def _once(self, target: Map, name: str, value: Any, element: _Element) -> None:
+    def _once(self, target: Map, name: str, value: Any, element: Element) -> None:
         if name in target:
             raise self._error(element, f"{name!r} is there already, in line {target.lines[name]}; expected one")
         _put(target, name, value, element.line)
 
-    def _only(self, element: _Element, tag: str) -> _Element:
+    def _only(self, element: Element, tag: str) -> Element:
         if [each.tag for each in element.children] != [tag]:
             raise self._error(element, f"expected one <{tag}> in it")
         return element.children[0]
 
-    def _id(self, element: _Element) -> str:
+    def _id(self, element: Element) -> str:
         if "id" not in element.attributes:
             raise self._error(element, "has no id; expected one")
         return element.attributes["id"]
 
-    def _known(self, element: _Element) -> None:
-        if odd := sorted(element.attributes.keys() - _ATTRIBUTES[element.tag]):
-            known = ", ".join(sorted(name for name in _ATTRIBUTES[element.tag] if " " not in name))
+    def _known(self, element: Element) -> None:
+        if odd := sorted(element.attributes.keys() - ATTRIBUTES[element.tag]):
+            known = ", ".join(sorted(name for name in ATTRIBUTES[element.tag] if " " not in name))
             raise self._error(
                 element, f"no program has its attribute {odd[0].rpartition(' ')[2]!r}; expected one of {known}"
             )
 
-    def _refused(self, element: _Element) -> ConfigError:
+    def _refused(self, element: Element) -> ConfigError:
         return self._error(
             element,
             "no program has that here; expected states, transitions, <onentry>, <onexit>, <invoke>, history, and in them "
             "<assign>, <raise>, <send>, <log> or <if>",
         )
 
-    def _error(self, element: _Element, problem: str) -> ConfigError:
+    def _error(self, element: Element, problem: str) -> ConfigError:
         return ConfigError(self._file, element.line, f"<{element.tag}>", problem)
 
 

@@ -157,3 +157,37 @@ def test_data_that_not_every_such_event_has_is_refused_where_it_is_read(read):
     text = SENDS.replace("{set: {n: 5}}", "{send: told.once, data: {much: 1}}")
     with pytest.raises(ConfigError, match=r":7: .*_event\.data has no 'word' here; expected one of much"):
         read(text)
+
+
+ENDS = """
+title: Ends
+variables: {n: 3, got: 0}
+states:
+  whole:
+    states:
+      deciding: {transitions: [{cond: n > 2, target: much}, {target: little}]}
+      much: {final: true, data: {left: n - 2, word: "'much'"}}
+      little: {final: true, data: {left: 0}}
+    transitions: [{event: done.state.whole, target: last, set: {got: _event.data.left}}]
+  last: {final: true, outcome: succeeded, detail: "{got}"}
+"""
+
+
+def test_a_final_state_in_another_one_says_with_what_that_is_done(read):
+    found = read(ENDS)
+    chart = Chart(found, found.variables, lambda *_: pytest.fail("nothing is done here"))
+    chart.begin()
+    assert chart.words(chart.ended.file.detail) == "1"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("_event.data.left", "_event.data.word", r"_event\.data has no 'word' here; expected one of left"),
+        ("left: 0", "left: m", r":9: states\.whole\.states\.little\.data\.left: unknown name 'm'"),
+        ("outcome: succeeded,", "outcome: succeeded, data: {a: 1},", r"states\.last\.data: only a final state in another one"),
+    ],
+)  # fmt: skip
+def test_what_a_final_state_can_not_say_is_told_by_line_and_field(read, old, new, told):
+    with pytest.raises(ConfigError, match=told):
+        read(ENDS.replace(old, new))

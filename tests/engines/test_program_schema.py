@@ -46,6 +46,7 @@ def test_every_list_and_mapping_says_what_is_in_it():
         ("TransitionFile", "set"),
         ("ActionFile", "set"),
         ("ActionFile", "data"),
+        ("StateFile", "data"),
         ("StateFile", "with"),
     }  # names of the program's own
     for kind in STRUCTS:

@@ -20,6 +20,7 @@ from engines.planning.collision.sweep import Nearest, cubics
 from engines.planning.endless import endless_of, nearest_turn, told_by, unwound
 from engines.planning.footing import COMPOUND
 from engines.planning.goals import message_of
+from engines.planning.held_ways import HeldConnector
 from engines.planning.ik import constraints as kinds
 from engines.planning.ik.checker import LENGTH
 from engines.planning.ik.constraints import Constraint
@@ -48,6 +49,12 @@ _STARTS = 12
 """configurations that the search for each begins from at most"""
 _BUDGET = Budget(seconds=10.0, edges=1500)
 """of a way around what is there, for each posture"""
+_HELD_BUDGET = Budget(seconds=10.0, edges=200)
+"""the same of a way over held feet"""
+_LINE = 0.02
+"""m, by what the base's height may be off the minimum-jerk line that whole-body control brings it along"""
+_SAME_HEIGHT = 2e-3
+"""m of a base that need not go up or down"""
 _SPARE = 5e-4
 """m of clearance that a posture at a goal has beyond what is asked for, so that the way to it may end there"""
 _KNOTS = 4
@@ -94,6 +101,15 @@ class MotionSearch:
             margin = constraints.LIMIT_MARGIN.bound
             self._always.append(kinds.JointLimits(margin=margin, joints=free, name="margin to the joint limits"))
         self._always += motion.stands
+        self._ways_of: Connector | HeldConnector = self._connector
+        self._budget = _BUDGET
+        if motion.closed:
+            held = [*motion.keep, *(one for one in self._always if not isinstance(one, kinds.Clearance))]
+            floors = scene.margins.floors(scene.world)
+            self._budget = _HELD_BUDGET
+            self._ways_of = HeldConnector(
+                planner.solver, scene.sweep, floors, held, level=planner.base_frame, cancelled=cancelled
+            )
 
     def plan(self) -> Plan:
         """See MotionPlanner.plan."""
@@ -150,16 +166,39 @@ class MotionSearch:
             yield "along", [self._followed(motion.along)]
             return
         only_whole = bool(motion.keep) or motion.closed  # nothing else keeps anything on the way
+        missed: Infeasible | None = None
         if only_whole or motion.through:
             try:
                 yield "spline", [self._spline()]
-            except Infeasible:
-                if only_whole:
+            except Infeasible as problem:
+                if only_whole and not self._may_sample:
                     raise
+                missed = problem
         if not only_whole:
             yield from self._stop_by_stop()
             if motion.stands and not motion.through:  # each of those ways fell over
                 yield "spline", [self._spline()]
+        elif self._may_sample:
+            try:
+                yield from self._over_feet()
+            except Infeasible as problem:
+                raise missed or problem from None
+
+    def _over_feet(self) -> Iterator[tuple[str, list[Array]]]:
+        """Ways by sampling, first those to postures where the base is as high as now: so its height is on its line."""
+        assert isinstance(self._ways_of, HeldConnector)
+        level = self._ways_of.level(self._ways_of.height(self._start), _SAME_HEIGHT)
+        try:
+            for _, way in self._to(self._start, [*self._motion.goals, *level], "goals"):
+                yield "goals", [way]
+        except Infeasible:
+            self._progress("posture at another height")
+        yield from self._stop_by_stop()
+
+    @property
+    def _may_sample(self) -> bool:
+        """Whether ways over held feet are looked for by sampling: without stops, which a base's line does not make."""
+        return self._motion.closed and not self._motion.through
 
     def _frame(self, q: Array, name: str) -> pin.SE3:
         """A frame in the world at q (nq,)."""
@@ -203,7 +242,7 @@ class MotionSearch:
         for answer in self._postures(here, goals, where):
             self._progress(f"way to {where}")
             try:
-                way = self._connector.way(here, answer.q, budget=_BUDGET, progress=self._progress)
+                way = self._ways_of.way(here, answer.q, budget=self._budget, progress=self._progress)
             except Infeasible as problem:
                 blocked = blocked or problem
                 continue
@@ -215,6 +254,7 @@ class MotionSearch:
     def _postures(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[Answer]:
         """Postures at goals, the one that is found nearest first. Raises Infeasible when there is none."""
         self._progress(f"posture at {where}")
+        goals = [*goals, *(self._motion.keep if self._motion.closed else ())]
         wanted = [*goals, *self._always]
         known: list[Array] = []
         moving = self._motion.moving
@@ -288,6 +328,8 @@ class MotionSearch:
             go_on(self._cancelled)
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
+            if motion.closed:
+                self._level(knots, where)
             measures = (*self._kept(knots, limits, torque), *self._met(goals, knots))
             segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
         ends = np.cumsum([segment.duration for segment in segments])
@@ -337,6 +379,19 @@ class MotionSearch:
         go_on(self._cancelled)
         if meeting is not None:
             raise _too_near(meeting, float(floors[meeting.pair]), where)
+
+    def _level(self, knots: Knots, where: str) -> None:
+        """Raise Infeasible where the base's height is off the line in time that `Segment.under` has it brought along."""
+        height = np.array(
+            [self._frame(q, self._planner.base_frame).translation[2] for q in self._whole(knots.positions)]
+        )
+        share = knots.times / knots.times[-1]
+        line = height[0] + share**3 * (10.0 - 15.0 * share + 6.0 * share**2) * (height[-1] - height[0])
+        off = np.abs(height - line)
+        worst = int(off.argmax())
+        if off[worst] > _LINE:
+            words = f"is {off[worst]:.3g} m off at {knots.times[worst]:.3g} s, at most {_LINE:g} allowed"
+            raise Infeasible("height of the base on its line", float(off[worst] - _LINE), "m", where, words)
 
     def _kept(self, knots: Knots, limits: Limits, torque: Array) -> tuple[Measure, ...]:
         """Clearance, margin to the joint limits and share of `torque` (m,) N·m along knots."""

@@ -466,12 +466,16 @@ class Engine:
             raise refuse("no program has run yet: start one first", "state", call.state, "a state of the last program")
         if self._job is not run or self._changing_runs.locked():
             self._idle()
-        known = [state.id for state in run.deployed.program.states() if not state.file.final]
+        deployed = self._deployed(call.deployment) if call.deployment else run.deployed
+        if deployed.program.name != run.deployed.program.name:
+            wanted = f"a deployment of {run.deployed.program.name}, which has run"
+            raise refuse("it is of another program", "deployment", call.deployment, wanted)
+        known = [state.id for state in deployed.program.states() if not state.file.final]
         if call.state not in known:
             raise refuse("no such state", "state", call.state, f"one of: {', '.join(known)}")
         # What can't begin must not end what runs.
-        deployment.still_bound(run.deployed, self._services.description, self._services.affordances)
-        start = run.again_from(call.state, paused=call.paused)
+        deployment.still_bound(deployed, self._services.description, self._services.affordances)
+        start = run.again_from(call.state, paused=call.paused, within=deployed)
         # Taken here and not in the thread: from now on nothing else may begin.
         self._changing_runs.acquire()
         self._called_off.clear()
@@ -486,7 +490,7 @@ class Engine:
                     raise refuse(f"the run under way has not ended within {_STOP_S:g} s")
                 if self._called_off.is_set():
                     raise refuse("it was stopped before it began")
-                state = self._begin(run.deployed, start)
+                state = self._begin(deployed, start)
             finally:
                 self._changing_runs.release()
             if self._called_off.is_set() and self._run is not None:

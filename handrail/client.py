@@ -383,9 +383,13 @@ class Client(InstanceCalls, NodeCalls, TemplateCalls):
         """Leave an active state by its `way`-th transition (as in the file, from 0), whatever the guard says."""
         return self.call(TakeTransition(state=state, way=way))
 
-    def run_from(self, state: str, *, paused: bool = False) -> RunState:
-        """Run the last program anew from a state, with its variables as they stand; one under way is stopped before."""
-        return self.call(RunFrom(state=state, paused=paused))
+    def run_from(self, state: str, *, paused: bool = False, deployment: Deployment | str = "") -> RunState:
+        """Run the last program anew from a state, with its variables as they stand; one under way is stopped before.
+
+        :param deployment: of the program as it was edited meanwhile, to go on in
+        """
+        id = deployment if isinstance(deployment, str) else deployment.id
+        return self.call(RunFrom(state=state, paused=paused, deployment=id))
 
     def set_run_parameters(self, parameters: Mapping[str, Any]) -> None:
         """Change the running program's parameters: each counts from when it is used next."""

@@ -133,6 +133,12 @@ class Program:
         """Its resources that are instances."""
         return [name for name, resource in self.resources.items() if resource.kind == "instance"]
 
+    def remembers(self) -> frozenset[str]:
+        """Names of all that a run of it remembers: its variables, and variables and parameters of what its states run."""
+        called = [(state.id, state.called) for state in self.states() if state.called is not None]
+        within = (f"{id}/{name}" for id, each in called for name in (*each.variables, *each.parameters))
+        return frozenset((*self.variables, *within))
+
     def own_states(self) -> Iterator[State]:
         """Every state of its own file, in the file's order."""
         return (state for state in self.states() if not state.scope)

@@ -234,11 +234,15 @@ class ProgramRun:
     def _allow(self, question: Question) -> None:
         self._chart.allow(question)
 
-    def again_from(self, state: str, *, paused: bool) -> Start:
-        """How a run begins that goes on in a state with what this one has remembered."""
+    def again_from(self, state: str, *, paused: bool, within: Deployed) -> Start:
+        """How a run begins that goes on in a state with what this one has remembered, as far as the program `within` has it."""
         with self._lock:
             why = f"before {state}, as asked" if paused else ""
-            return Start((state,), self._chart.remembered(), dict(self._parameters), paused=why)
+            remembered, parameters = self._chart.remembered(), dict(self._parameters)
+        if within is not self._deployed:
+            known = within.program.remembers()
+            remembered, parameters = {name: remembered[name] for name in remembered if name in known}, {}
+        return Start((state,), remembered, parameters, paused=why)
 
     def stop(self) -> None:
         """Cancel the motion and end; the robot holds. Refused when it has ended already."""

@@ -68,11 +68,17 @@ class TakeTransition(Message):
 
 @travels(priority=1, remote=True)
 class RunFrom(Message):
-    """Run the last program anew from a state, with its variables as they stand. A run under way is stopped before."""
+    """Run the last program anew from a state, with its variables as they stand. A run under way is stopped before.
+
+    With `deployment` it goes on in another version of the program, with those of its variables that this one has, too. Refused
+    where that has no such state.
+    """
 
     state: Name
     paused: bool = False
     """True: wait before the state's activity until the run is resumed or stepped"""
+    deployment: str = ""
+    """of the same program, whose parameters then count; empty: the one that has run"""
     engine: str = ""
 
 

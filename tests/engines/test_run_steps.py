@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from engines.programs import library
+from engines.programs import library, program
 from engines.runs.run import ProgramRun
 from handrail import messages as m
 from handrail.topics import Caller, RefusedError
@@ -97,6 +97,22 @@ def test_a_run_goes_on_from_another_state_with_what_it_remembers(halted, daemon)
     ended = halted.wait(lambda e: isinstance(e, m.RunState) and e.run == began.run and e.status == "succeeded")
     assert "turned" in ended.detail
     assert len([call for call in daemon.calls if isinstance(call, m.StartAction)]) > 1
+
+
+def test_a_program_that_was_edited_while_it_runs_goes_on_in_the_new_version(halted, tmp_path, monkeypatch):
+    folder = tmp_path / "rtc_programs"
+    folder.mkdir()
+    text = program.files()["turn_valve"].read_text()
+    (folder / "turn_valve.yaml").write_text(text.replace("variables:", "variables:\n  added: 7", 1))
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    before, bound = halted.call(m.GetEngine()).run, {"arm": "right", "valve": "wheel_1"}
+    edited = halted.call(m.Deploy(program="turn_valve", bindings=bound, parameters={"goal_deg": 20}))
+    other = halted.call(m.Deploy(program="press", bindings={"arm": "right"}))
+    assert halted.refusal(m.RunFrom(state="confirming", deployment=other.id)).field == "deployment"
+    assert "confirming" in halted.refusal(m.RunFrom(state="asking", deployment=edited.id)).expected
+    began = halted.call(m.RunFrom(state="confirming", paused=True, deployment=edited.id))
+    assert began.hash == edited.hash != before.hash
+    assert began.data == before.data | {"added": 7, "goal_deg": 20}
 
 
 def test_an_ended_run_can_be_repeated_from_a_state_and_waits_there_if_asked(stack):

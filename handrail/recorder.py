@@ -171,7 +171,7 @@ class Recording:
                     self._write(f"/device/{device.name}", device, stamp)
             case _:
                 stamp = self._clock.stamp(getattr(message, "time_ns", 0))
-                self._write(_AS_THEY_COME[type(message)], message, stamp)
+                self._write(_AS_THEY_COME[type(message)], message, stamp, leave_out_none=True)
                 if isinstance(message, DaemonStatus):
                     for bus in message.buses:
                         self._write(f"/can/{bus.channel}", bus, stamp)
@@ -237,12 +237,16 @@ class Recording:
         if transforms:
             self._write("/tf", foxglove.FrameTransforms(transforms), stamp)
 
-    def _write(self, topic: str, message: Any, stamp: int) -> None:
+    def _write(self, topic: str, message: Any, stamp: int, *, leave_out_none: bool = False) -> None:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._writer.register_channel(topic, "json", self._schema(type(message)))
             self._channels[topic] = channel
-        self._add(topic, channel, self._encoder.encode(message), stamp)
+        plain = message
+        if leave_out_none and None in msgspec.structs.astuple(message):
+            # Where a schema says object, number or text, viewers take nothing for one that is missing, and null for an error.
+            plain = {name: value for name, value in msgspec.to_builtins(message).items() if value is not None}
+        self._add(topic, channel, self._encoder.encode(plain), stamp)
 
     def _add(self, topic: str, channel: int, data: bytes, stamp: int) -> None:
         self.counts[topic] = self.counts.get(topic, 0) + 1

@@ -10,7 +10,7 @@ ARGS ?=
 # Containers often set it: each of the hundreds of processes that the tests start would read every library's sources anew, uv leaves none compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test soak setup lint format lock clean help
+.PHONY: demo test soak screenshots setup lint format lock clean help
 
 help:            ## this text
 	@sed -n 's/^\([a-z]*\): .*## /  make \1: /p' $(MAKEFILE_LIST)
@@ -33,6 +33,9 @@ endif
 
 soak: $(WARM)   ## what takes longer: an hour of robot time, twenty seeds, two hundred faults, a start without compiled kernels; goes on where it was
 	$(BIN)/python tools/soak.py $(ARGS)
+
+screenshots: $(WARM)  ## every page of the operator's window, from a live simulated robot, into docs/images/tablet
+	$(BIN)/python tools/screenshots.py
 
 setup: $(WARM)  ## only set up: system packages, the venv from the lock file, warm compiled kernels
 

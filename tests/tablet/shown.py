@@ -212,7 +212,7 @@ def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
 
 
 def judge(asking: Shown, size: tuple[int, int]) -> None:
-    """Every control that is shown is at least 44 px large, has a name, and is not cut off."""
+    """Every control that is shown is at least 44 px large, has a name, is reached by Tab, and is not cut off."""
     from PySide6.QtQml import QQmlProperty, qmlContext
 
     controls = [
@@ -225,6 +225,7 @@ def judge(asking: Shown, size: tuple[int, int]) -> None:
         name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
         assert name, f"{control.objectName()} has no accessible name"
         assert min(control.width(), control.height()) >= 44, control.objectName()
+        assert control.property("activeFocusOnTab"), f"{control.objectName()} is not reached by the keyboard"
         whole = control if (scrolled := scrolled_by(control)) is None else scrolled
         corner = whole.mapToScene(whole.boundingRect().bottomRight())
         assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"

@@ -1,0 +1,217 @@
+"""`make screenshots`: every page of the operator's window on a live simulated robot, in both sizes, into docs/images/tablet.
+
+It starts a robot with keys, a port and a runtime folder of its own, and a window on a virtual screen (Xvfb). Exit status 0 once
+all pictures are there. Pictures have 256 colours: all of them together stay below 3 MB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from handrail.client import Client, connect
+from handrail.link.keys import ClientKeys, for_client
+from handrail.messages import Pose
+from handrail.robot import library as robots
+from handrail.topics import RefusedError, Unreachable
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "docs" / "images" / "tablet"
+SIZES = ((1280, 800), (1920, 1200))
+VALVE = Pose(position=(0.55, -0.35, 0.30))
+_COLOURS, _PATIENCE = 256, 300.0  # s
+_VIVID = 70
+
+
+@contextmanager
+def _screen() -> Iterator[str]:
+    reading, writing = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1920x1200x24", "-nolisten", "tcp", "-noreset"]
+    server = subprocess.Popen(command, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(writing)
+    try:
+        with os.fdopen(reading) as answer:
+            yield f":{answer.readline().strip()}"
+    finally:
+        server.kill()
+        server.wait()
+
+
+@contextmanager
+def _robot(port: int, folder: Path) -> Iterator[None]:
+    command = [sys.executable, "-m", "handrail.cli", "up", "talos_upper", "--scene", "valve", "--port", str(port)]
+    with (folder / "up.log").open("w", encoding="utf-8") as log:
+        service = subprocess.Popen(command, stdout=log, stderr=log)
+        try:
+            yield
+        finally:
+            service.terminate()
+            service.wait(30)
+
+
+def small(picture: Image.Image) -> Image.Image:
+    """The picture with a palette of its own, in which the few bright pixels count as much as the many dark ones."""
+    picture = picture.convert("RGB")
+    pixels = np.asarray(picture).reshape(-1, 3)
+    vivid = pixels[pixels.max(1).astype(int) - pixels.min(1) > _VIVID]
+    counted = np.concatenate([pixels, np.repeat(vivid, 12, 0)])
+    counted = counted[: len(counted) // picture.width * picture.width].reshape(-1, picture.width, 3)
+    palette = Image.fromarray(counted).quantize(_COLOURS)
+    return picture.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+class Camera:
+    """The window, and the pictures of it."""
+
+    def __init__(self, address: str, keys: ClientKeys):
+        from tablet_client.app import mesh_cache
+        from tablet_client.session import Session
+        from tablet_client.window import NO_ANTIALIASING, open_window
+
+        self.opened = open_window(address, robots.load, mesh_cache(), antialiasing=NO_ANTIALIASING, operator="Ada")
+        self.window, self.desk = self.opened.window, self.opened.desk
+        self.session = Session(lambda: connect(address, keys, timeout_s=0), self.desk.inbox)
+        self.desk.serve(self.session)
+        self.session.start()
+
+    def turn(self, seconds: float) -> None:
+        """Let the window work."""
+        from PySide6.QtCore import QEventLoop, QTimer
+
+        loop = QEventLoop()
+        QTimer.singleShot(round(seconds * 1000), loop.quit)
+        loop.exec()
+
+    def until(self, holds: Callable[[], Any], what: str) -> None:
+        """Raises TimeoutError."""
+        deadline = time.monotonic() + _PATIENCE
+        while not holds():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"waited {_PATIENCE:g} s for {what}")
+            self.turn(0.05)
+
+    def page(self, name: str) -> None:
+        from PySide6.QtCore import QObject
+
+        self.window.findChild(QObject, "tabs").setProperty("page", name)
+
+    def pages(self) -> list[str]:
+        """Names of the pages that there are."""
+        from PySide6.QtCore import QObject
+
+        told: Any = self.window.findChild(QObject, "tabs").property("pages")
+        return [page["name"] for page in (told.toVariant() if hasattr(told, "toVariant") else told)]
+
+    def take(self, name: str) -> None:
+        """Pictures of what the window shows, one a size."""
+        from tablet_client.window import NO_ANTIALIASING, SUPERSAMPLED
+
+        for width, height in SIZES:
+            self.window.resize(width, height)
+            self.until(lambda w=width: self.window.width() == w, "the window's size")
+            self.turn(0.5)
+            self.window.setProperty("smoothing", SUPERSAMPLED)
+            self.window.grabWindow()  # the first one is still of before
+            path = FOLDER / f"{name}_{width}.png"
+            self.window.grabWindow().save(str(path))
+            small(Image.open(path)).save(path, optimize=True)
+            self.window.setProperty("smoothing", NO_ANTIALIASING)
+            print(f"{path.relative_to(ROOT)}  {path.stat().st_size / 1000:.0f} KB", flush=True)
+
+    def close(self) -> None:
+        self.session.close(timeout=0.5)
+        self.opened.close()
+
+
+def _tour(camera: Camera, start: Callable[[], Client]) -> None:
+    """Every page, in an order in which each has something to show."""
+    desk = camera.desk
+    camera.turn(1.0)
+    camera.take("waiting")
+    robot = start()
+    camera.until(lambda: camera.opened.stage.property("state") == "ready", "the robot's picture")
+    camera.until(lambda: desk.header["engine"], "the engine")
+    _patiently(robot.enable, camera)
+    robot.place_instance("wheel_1", "wheel", VALVE)
+    camera.until(lambda: desk.situation.world.instances and desk.header["drives"] == "enabled", "wheel_1, drives")
+    desk.signals.choose("arm_right_4_joint.position")
+    desk.signals.choose("force.z")
+    for page in camera.pages():
+        if page == "task":
+            continue  # when it runs
+        camera.page(page)
+        desk.bench.select("wheel_1" if page == "objects" else "")
+        if page == "move":
+            camera.until(desk.move.joints.rowCount, "the robot's joints")
+            desk.move.showTarget(True)
+            move = desk.situation.move
+            move.target[:3, 3] += (0.05, 0.05, 0.08)
+            move.count("all")
+        elif page == "objects":
+            camera.until(lambda: desk.bench.view["selected"], "the selected wheel")
+            camera.turn(10.0)  # what is reached comes while it is looked at
+        camera.take(page)
+        desk.move.reset()
+    desk.bench.select("")
+    camera.page("task")
+    robot.run(robot.deploy("turn_valve", {"arm": "right", "valve": "wheel_1"}))
+    camera.until(lambda: desk.prompt["open"] and desk.ghost["shown"], "the program's question")
+    camera.turn(1.5)
+    camera.take("task")
+    robot.stop_run()
+    robot.stop("Ada, at the tablet")
+    camera.until(lambda: desk.header["drives"] == "stopped", "the stop")
+    camera.take("stopped")
+
+
+def _patiently(call: Callable[[], object], camera: Camera) -> None:
+    """A robot that has just been started refuses until all of it is there."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            call()
+            return
+        except (RefusedError, Unreachable):
+            if time.monotonic() > deadline:
+                raise
+            camera.turn(0.5)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.parse_args()
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="handrail-")))
+        os.environ.update(
+            HANDRAIL_RUNTIME=str(folder / "run"), HANDRAIL_KEYS=str(folder / "keys"),
+            DISPLAY=stack.enter_context(_screen()), QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic",
+        )  # fmt: skip
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = min(free.getsockname()[1], 65000)
+        address, keys = f"tcp://127.0.0.1:{port}", for_client(None)
+        camera = Camera(address, keys)
+        stack.callback(camera.close)
+
+        def start() -> Client:
+            stack.enter_context(_robot(port, folder))
+            return stack.enter_context(connect(address, keys, timeout_s=_PATIENCE))
+
+        _tour(camera, start)
+
+
+if __name__ == "__main__":
+    main()

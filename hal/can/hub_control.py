@@ -25,6 +25,6 @@ def answer(hub: Hub, datagram: bytes) -> bytes:
                 said = control.FaultAdded(number=hub.add_fault(fault))
             case control.ClearFault(number=number):
                 said = control.FaultsCleared(count=hub.clear_fault(number))
-    except (msgspec.DecodeError, ValueError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:  # the last for nesting without end
         said = wire.Sorry(reason=str(error))
     return wire.encode(said)

@@ -54,7 +54,7 @@ class Members:
         names = [channel.name for channel in self._channels]
         try:
             hello = _understood(datagram, names)
-        except (msgspec.DecodeError, ValueError) as error:
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:  # the last for nesting without end
             with contextlib.suppress(OSError):
                 node.connection.send(wire.encode(wire.Sorry(reason=str(error))))
             return False

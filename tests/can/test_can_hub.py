@@ -10,8 +10,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from hal.can import frames, wire
 from hal.can.counting import BUSY_NS, RECEIVED, SENT
@@ -194,7 +197,25 @@ def test_data_beyond_the_length_is_zero_for_whoever_reads_it(hub: Hub, join: Joi
     assert data.tolist() == [0xAA] * 12 + [0] * 52
 
 
-@pytest.mark.parametrize("first", [b"x", b"GET / HTTP/1.1\r\n\r\n", b'{"type":"hello","version":1}', bytes(160)])
+NESTED = b'{"type":"hello","x":' + b"[" * 20_000
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**40), 2**40) | st.text(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["type", "version", "channels", "role"]) | st.text(max_size=5), inner, max_size=4
+        )
+    ),
+    max_leaves=12,
+) | st.fixed_dictionaries(
+    {"type": st.just("hello"), "version": st.integers(0, 3)},
+    optional={"channels": st.lists(st.text(max_size=5), max_size=3), "role": st.sampled_from(["node", "control", "x"])},
+)
+
+
+@pytest.mark.parametrize(
+    "first", [b"x", b"GET / HTTP/1.1\r\n\r\n", b'{"type":"hello","version":1}', bytes(160), NESTED]
+)
 def test_a_stranger_on_the_socket_is_sent_away(hub: Hub, folder: Path, join: Join, first: bytes) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stranger:
         stranger.connect(str(folder / "bus.sock"))
@@ -204,6 +225,19 @@ def test_a_stranger_on_the_socket_is_sent_away(hub: Hub, folder: Path, join: Joi
         assert b"sorry" in stranger.recv(4096)
         assert stranger.recv(4096) == b""
     assert join().channels[0].name == "can0"
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(first=st.binary(min_size=1, max_size=300) | JSON.map(msgspec.json.encode))
+def test_whatever_a_stranger_says_first_the_hub_lives(hub: Hub, folder: Path, first: bytes) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stranger:
+        stranger.connect(str(folder / "bus.sock"))
+        stranger.send(first)
+        stranger.settimeout(2.0)
+        hub.poll(0.05)
+        assert stranger.recv(4096), "welcome or sorry"
+    hub.poll(0.05)
+    assert hub.listeners == 0
 
 
 def test_a_node_that_stops_speaking_records_is_sent_away(hub: Hub, join: Join, make_frames: Make) -> None:

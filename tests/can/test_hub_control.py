@@ -112,7 +112,15 @@ def test_a_fault_that_can_never_act_is_refused_with_the_reason(
         ask(control.add, fault)
 
 
-@pytest.mark.parametrize("request_", [b"[]", b'{"type":"add_fault","fault":{"kind":"smoke"}}', b"\xff\xfe"])
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"[]",
+        b'{"type":"add_fault","fault":{"kind":"smoke"}}',
+        b"\xff\xfe",
+        b'{"type":"get_bus","x":' + b'{"x":' * 20_000,
+    ],
+)
 def test_a_request_that_is_none_is_refused_and_the_next_one_served(
     control: HubControl, ask: Ask, request_: bytes
 ) -> None:

@@ -229,6 +229,13 @@ def test_no_frame_with_a_flipped_bit_is_believed(name: str, data: st.DataObject)
     bit = data.draw(st.sampled_from(covered))
     out["data"][0, bit // 8] ^= 1 << bit % 8
     assert protocol.decode(out, count, targets) == (count - 1, 1)
+    count = protocol.encode_control(np.full(_N, CONTROLWORD[Command.SHUTDOWN], np.uint8), 1, out)
+    bit = data.draw(st.sampled_from(_covered_bits(made, Role.CONTROL, int(out["length"][0]))))
+    out["data"][0, bit // 8] ^= 1 << bit % 8
+    words = targets.controlword.copy()
+    assert protocol.decode(out[:1], 1, targets)[1] == 1
+    assert np.array_equal(targets.controlword, words)
+    assert protocol.decode(out, count, targets)[1] == 1
     state = JointState(_N)
     count = protocol.encode_status(state, np.zeros(_N, np.uint8), np.ones(_N, np.bool_), out)
     bit = data.draw(st.sampled_from(_covered_bits(made, Role.STATUS, int(out["length"][0]))))
@@ -264,8 +271,11 @@ def test_what_a_device_measured_arrives_within_half_a_step_and_cantools_reads_it
         assert np.abs(got.values[due, column] - sent.values[due, column]).max() <= 0.5 * step * (1 + 1e-6)
         signal = signal_of(made.messages[Role.DEVICE_STATUS].columns[columns[column]]).signal
         assert np.allclose([_signals(r, name)[signal] for r in out[:count]], got.values[due, column], atol=1e-9)
-    out["data"][0, 0] ^= 1
-    assert protocol.decode_status(out, 1, JointState(1), got)[1] == (1 if made.algorithm >= 0 else 0)
+    bits = _covered_bits(made, Role.DEVICE_STATUS, int(out["length"][0])) if made.algorithm >= 0 else [0]
+    for bit in bits:
+        flipped = out[:1].copy()
+        flipped["data"][0, bit // 8] ^= 1 << bit % 8
+        assert protocol.decode_status(flipped, 1, JointState(1), got)[1] == (1 if made.algorithm >= 0 else 0)
 
 
 @pytest.mark.parametrize("name", [n for n in DEVICES if Role.DEVICE_COMMAND in family.load(n).messages])

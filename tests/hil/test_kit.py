@@ -108,6 +108,14 @@ def test_a_drive_that_answers_the_same_for_ever_is_not_believed(robot):
     robot.plant.wait_state(robot.joints("arm_left"), "operation_enabled")
 
 
+def test_what_the_bus_corrupts_is_refused_by_its_crc_counted_and_moves_nothing(robot):
+    before = robot.daemon.call(m.GetStatus()).loop.crc_errors
+    with robot.bus.fault("corrupt", node="head_1_joint"):
+        counted = robot.daemon.wait_status(lambda status: status.loop.crc_errors > before + 3, "wrong CRCs are counted")
+    assert counted.loop.crc_errors > before + 3
+    robot.plant.assert_still()
+
+
 @pytest.mark.handrail(robot="z1")
 def test_traffic_of_a_robot_with_a_gripper_is_told_apart(robot):
     mark = robot.bus.mark

@@ -8,10 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from daemon import exchange
 from daemon.controllers.base import Ended
 from daemon.controllers.outer_integral import CROSSING, PRESLIDING, SEARCHING, OuterIntegral
 from daemon.exchange import Answer, Outcome
-from handrail.messages import CartesianImpedance, Pose
+from handrail.messages import CartesianImpedance, JointStream, Pose, StreamJoints
 from handrail.robot.description import IntegralGains
 from tests.daemon.loop.test_manager import rated_jump
 
@@ -60,6 +61,24 @@ def test_an_error_that_would_stay_is_worked_off_and_the_command_stays_what_was_a
     bench.run(500)
     assert off(bench) < 1.5 * BAND
     np.testing.assert_array_equal(bench.loop.written.position, asked)
+
+
+def test_an_error_is_worked_off_while_a_client_streams_the_reference(make_tracking) -> None:
+    bench = make_tracking()
+    start, row = float(bench.loop.written.position[bench.index(JOINT)]), bench.index(JOINT)
+    assert bench.start(JointStream(joints=[JOINT])) is Answer.ACCEPTED
+    action = int(bench.snapshot()["actions"][0]["serial"])
+    lean(bench, -10.0)
+    for sample in range(120):
+        swing = 0.02 * np.sin(0.02 * sample)
+        message = StreamJoints(id="a", sequence=sample + 1, positions=[start + swing], velocities=[0.0])
+        bench._serial += 1
+        bench._mailbox.post(*exchange.encode_joints(message, bench._serial, action))
+        bench.run(5)
+        if sample == 20:
+            assert off(bench) > 2e-3
+    assert off(bench) < 4 * BAND, "of a reference that moves"
+    assert abs(learned(bench)[row]) > 2e-3
 
 
 def test_an_error_within_the_band_is_left_alone(make_tracking) -> None:

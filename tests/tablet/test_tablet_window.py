@@ -435,7 +435,8 @@ def test_a_tap_on_a_state_opens_what_can_be_done_with_it(robot, show):
     robot.run = robot.running(status="paused", active=["turning", "confirm"], waiting=["confirm"])
     shown = show()
     shown.until(lambda: shown.desk.run.tree.rowCount() == 6)
-    shown.until(lambda: shown.item("state_stroking").isVisible())
+    shown.window.resize(1280, 800)  # all states at once
+    shown.until(lambda: shown.there("state_stroking"))
     shown.press("state_stroking")
     shown.until(lambda: shown.desk.run.view["chosen"] == "stroking")
     shown.desk.run.breakpoint("stroking")

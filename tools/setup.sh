@@ -15,7 +15,7 @@ PY
 # The window's libraries (Qt on a real or virtual screen), fonts, Graphviz (pictures of programs), OpenMP, and venv where Debian splits it off.
 PACKAGES="xvfb xauth libegl1 libgl1 libgl1-mesa-dri libfontconfig1 libdbus-1-3 libglib2.0-0 libgssapi-krb5-2
   libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0
-  libxcb-shape0 libxcb-xinerama0 libxcb-xkb1 fonts-dejavu-core graphviz libgomp1"
+  libxcb-shape0 libxcb-xinerama0 libxcb-xkb1 libxtst6 fonts-dejavu-core graphviz libgomp1"
 "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null || PACKAGES="$PACKAGES python3-venv"
 
 if command -v dpkg-query >/dev/null; then

@@ -24,8 +24,7 @@ class Pointer:
 
     def __init__(self, screen: str):
         x11, xtst = ctypes.util.find_library("X11"), ctypes.util.find_library("Xtst")
-        if not (x11 and xtst):
-            pytest.skip("libX11 and libXtst are not installed: nothing else can press for the X server")
+        assert x11 and xtst, "libX11 and libXtst are not installed: make setup installs them"
         self._x11, self._xtst = ctypes.CDLL(x11), ctypes.CDLL(xtst)
         self._x11.XOpenDisplay.restype = ctypes.c_void_p
         self._display = ctypes.c_void_p(self._x11.XOpenDisplay(screen.encode()))

@@ -149,7 +149,19 @@ class _Otdf:
         size = [
             part for key in _SIZES[kind] for part in self._numbers(kinds[0].get(key, ""), 3 if kind == "box" else 1)
         ]
-        return {"kind": kind, "size": size, **self._origin(visual)}
+        return {"kind": kind, "size": size, **self._origin(visual), **self._color(visual, link)}
+
+    def _color(self, visual: ET.Element, link: str) -> dict[str, Any]:
+        material = visual.find("material")
+        for each in visual:
+            if each.tag not in ("origin", "geometry", "material"):
+                self._left.append(f"link {link}, visual's <{each.tag}>: no counterpart")
+        if material is None:
+            return {}
+        if (color := material.find("color")) is None:
+            self._left.append(f"link {link}, material {material.get('name', '')!r}: without a color of its own")
+            return {}
+        return {"color": self._numbers(color.get("rgba", ""), 4)}
 
     def _origin(self, each: ET.Element) -> dict[str, Any]:
         origin = each.find("origin")
@@ -197,6 +209,9 @@ class _Otdf:
                 if not text:
                     raise ConfigError(self._file, None, f"joint {name}, limit {side}", "got none; expected a number")
                 row[side] = self._numbers(text, 1)[0]
+        for key in limit.attrib if limit is not None else ():
+            if key not in ("lower", "upper"):
+                self._left.append(f"joint {name}, limit {key}: no counterpart")
         for each in joint:
             if each.tag not in ("origin", "parent", "child", "axis", "limit"):
                 self._left.append(f"joint {name}, <{each.tag}>: no counterpart")
@@ -209,6 +224,7 @@ def _number(text: str, names: Mapping[str, str]) -> float | str:
         return float(text) if float(text) != int(float(text)) else int(float(text))
     except (ValueError, OverflowError):
         pass
+    text = text.replace("^", "**")
     for theirs, ours in names.items():
         text = re.sub(rf"\b{re.escape(theirs)}\b", ours, text)
     return f"-({text[3:-1]})" if text.startswith("-${") else text

@@ -46,6 +46,8 @@ class GoalReader:
         match goal:
             case JointsGoal():
                 _finite(where, tolerance=(goal.tolerance,))
+                if not goal.positions:
+                    raise ValueError(f"{where}.positions: got none; expected at least one joint")
                 return [self._at(where, joint, x, goal.tolerance) for joint, x in goal.positions.items()]
             case PostureGoal():
                 named = self.description.home

@@ -214,8 +214,12 @@ class MotionPlanner:
     def configuration(self, name: str, position: Array) -> Array:
         """(nq,) for positions (n,) of the description's joints. Raises ValueError."""
         position = np.asarray(position, dtype=float)
-        if position.shape != (len(self._rows),) or not np.isfinite(position).all():
-            raise ValueError(f"{name}: got shape {position.shape}, expected ({len(self._rows)},) of finite numbers")
+        if position.shape != (len(self._rows),):
+            raise ValueError(f"{name}: got shape {position.shape}; expected ({len(self._rows)},)")
+        if not np.isfinite(position).all():
+            row = int(np.flatnonzero(~np.isfinite(position))[0])
+            joint = self._description.joints[row]
+            raise ValueError(f"{name}.{joint}: got {position[row]}; expected a finite number")
         q = self.mechanism.configuration(np.zeros(len(self.mechanism.joints)))
         q[self._rows] = position
         return q

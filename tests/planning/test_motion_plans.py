@@ -287,6 +287,7 @@ def test_what_a_joint_leads_out_of_reach_is_told_by_how_much_of_the_way_is_done(
     ("call", "words"),
     [
         ({}, "goals: expected at least one, or `along`"),
+        ({"goals": [JointsGoal(positions={})]}, r"goals\[0\].positions: got none; expected at least one joint"),
         ({"along": Along(instance="wheel", joint="hinge", by=1.0)}, "along.instance: got 'wheel'; expected one of wheel_1"),
         ({"along": Along(instance="wheel_1", joint="axle", by=1.0)}, "along.joint: got 'axle'; expected one of hinge"),
         ({"along": Along(instance="wheel_1", joint="hinge", by=math.nan)}, "along.by: got nan; expected a finite number"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import pytest
 from hypothesis import given, settings
@@ -78,10 +79,59 @@ def test_an_expression_without_a_value_says_why(text, says):
         evaluate(text, {"radius": 0.15})
 
 
-@given(st.text(alphabet="0123456789.+-*/() abrdeg,sincopqt_", max_size=40))
-@settings(max_examples=150, deadline=None)
+TOKENS = [
+    *("a", "b", "1", "9", "2.5", "1e300", "+", "-", "*", "/", "**", "%", "(", ")", ",", "sqrt(", "sin(", "max("),
+    *(
+        "__class__",
+        "__import__('os')",
+        ".",
+        "[",
+        "]",
+        "{",
+        "}",
+        "lambda:",
+        "'",
+        "f'{a}'",
+        ":=",
+        "for",
+        "in",
+        "if",
+        "else",
+        "not",
+    ),
+]
+"""what an expression is made of, and what code is made of"""
+
+
+@given(
+    st.text(alphabet="0123456789.+-*/() abrdeg,sincopqt_", max_size=40)
+    | st.lists(st.sampled_from(TOKENS), max_size=16).map(" ".join)
+)
+@settings(max_examples=300, deadline=None)
 def test_any_text_gives_a_finite_number_or_a_refusal(text):
     try:
         assert math.isfinite(evaluate(text, {"a": 1.0, "b": 2.0}))
     except ExpressionError:
         pass
+
+
+@pytest.mark.parametrize(
+    "text", ["9**9**9**9", "(10**400)**400", " + ".join(["a"] * 100_000), "(" * 50_000, "2" * 100_000]
+)
+def test_what_would_take_long_is_refused_or_cut_short(text):
+    steps = 0
+
+    def count(frame, event, argument):
+        nonlocal steps
+        steps += 1
+        assert steps < 100_000, "an expression's cost is bounded"
+        return count
+
+    before = sys.gettrace()
+    sys.settrace(count)
+    try:
+        evaluate(text, {"a": 1.0})
+    except ExpressionError:
+        pass
+    finally:
+        sys.settrace(before)

@@ -25,13 +25,14 @@ OTDF = """<?xml version="1.0" ?>
     <visual>
       <origin xyz="0 ${leaf-width/2} 0" rpy="0 0 0"/>
       <geometry><box size="0.03 ${leaf-width} 0.9"/></geometry>
+      <material name="red"><color rgba="0.8 0.1 0.1 1.0"/></material>
     </visual>
     <collision><geometry><box size="1 1 1"/></geometry></collision>
   </link>
-  <link name="bolt"><visual><geometry><mesh filename="bolt.stl"/></geometry></visual></link>
+  <link name="bolt"><visual><material name="steel"/><geometry><mesh filename="bolt.stl"/></geometry></visual></link>
   <joint name="hinge" type="revolute">
     <origin xyz="${thickness} 0 0" rpy="0 0 0"/><parent link="post"/><child link="leaf"/>
-    <axis xyz="0 0 1"/><limit lower="0" upper="1.6"/><dynamics damping="1"/>
+    <axis xyz="0 0 1"/><limit lower="0" upper="1.6" effort="30"/><dynamics damping="1"/>
   </joint>
   <joint name="weld" type="fixed"><origin xyz="0 ${leaf-width} 0" rpy="0 0 1.5"/><parent link="leaf"/><child link="bolt"/></joint>
   <link_pattern name="bars"/>
@@ -91,10 +92,18 @@ def test_an_otdf_keeps_parameters_expressions_links_and_joints(tmp_path):
     assert gate.parameters["leaf_width"].step == 0.01 and "x" not in gate.parameters
     wide = gate.resolve({"leaf_width": 1.0}, {"hinge": math.pi / 2})
     leaf = next(shape for shape in wide.shapes if shape.object == "leaf")
-    assert leaf.size == (0.03, 1.0, 0.9)
+    assert leaf.size == (0.03, 1.0, 0.9) and leaf.color == (0.8, 0.1, 0.1, 1.0)
     assert leaf.pose_in_template[:3, 3] == pytest.approx([0.05 - 0.5, 0, 0])
     assert wide.frame("bolt")[:3, 3] == pytest.approx([0.05 - 1.0, 0, 0])
-    for part in ("'x'", "<inertial>", "<collision>", "<mesh>", "<dynamics>", "<link_pattern name='bars'>"):
+    for part in (
+        "'x'",
+        "<inertial>",
+        "<collision>",
+        "<mesh>",
+        "<dynamics>",
+        "limit effort",
+        "<link_pattern name='bars'>",
+    ):
         assert part in left
 
 

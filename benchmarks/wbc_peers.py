@@ -19,7 +19,7 @@ KP, KD = 100.0, 20.0
 class Tsid:
     """Inverse dynamics as one weighted quadratic program with torque bounds (Del Prete et al. 2016), eiquadprog."""
 
-    def __init__(self, problem, tasks, torque):
+    def __init__(self, problem, tasks, torque, hard=False):
         import pinocchio as pin
         from tsid import tsid_pywrap as tsid
 
@@ -51,7 +51,7 @@ class Tsid:
                 pose = pin.SE3(np.array(task["rotation"]), np.array(task["position"]))
                 reference = tsid.TrajectorySE3Constant(f"r{number}", pose)
             made.setReference(reference.computeNext())
-            form.addMotionTask(made, weight, 1, 0.0)
+            form.addMotionTask(made, weight, 0 if hard and kind != "posture" else 1, 0.0)
             self.keep.append((made, reference))
         bounds = tsid.TaskActuationBounds("torque", robot)
         most = torque * np.array(problem["torque"])
@@ -150,9 +150,9 @@ def main() -> None:
     sys.stdout = sys.stderr
     for request in sys.stdin:
         wanted = json.loads(request)
-        key = wanted["tasks"], wanted["torque"]
+        key = wanted["tasks"], wanted["torque"], wanted.get("hard", False)
         if key not in made:
-            made[key] = kind(problem, problem["tasks"][str(key[0])], key[1])
+            made[key] = kind(problem, problem["tasks"][str(key[0])], key[1], *([True] if key[2] else []))
         solve, (q, v) = made[key], states[wanted["states"]]
         if wanted.get("torques"):
             torques = [np.asarray(solve(q[i], v[i])).tolist() for i in range(wanted["from"], wanted["to"])]

@@ -162,7 +162,7 @@ class Desk:
             return Declined(why="the code does not count any more: ask for another one with handrail pair")
         try:
             message = _from_client.decode(raw)
-        except msgspec.MsgspecError as problem:
+        except (msgspec.MsgspecError, RecursionError) as problem:
             return Declined(why=f"not understood: {problem}"[:400])
         if isinstance(message, Hello):
             offer = Offer(server=self.gate.public.decode(), nonce=secrets.token_bytes(16))
@@ -267,7 +267,7 @@ def _ask(socket: zmq.Socket, message: Hello | Proof, timeout_s: float, endpoint:
         )
     try:
         return _from_robot.decode(socket.recv())
-    except msgspec.MsgspecError as problem:
+    except (msgspec.MsgspecError, RecursionError) as problem:
         raise PairingError(f"{endpoint}: what answers there is no robot that pairs") from problem
 
 

@@ -142,7 +142,8 @@ def test_who_answers_without_knowing_the_code_is_not_believed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "raw", [b"", b"\xc1", b"\x80", Proof(mac=bytes(32)), Hello(client="#" * 39 + "\n", name="a", nonce=bytes(16)),
+    "raw", [b"", b"\xc1", b"\x80", b"\x81\xa1a" + b"\x91" * 4000, Proof(mac=bytes(32)),
+            Hello(client="#" * 39 + "\n", name="a", nonce=bytes(16)),
             Hello(client="#" * 40, name="../a", nonce=bytes(16))],
 )  # fmt: skip
 def test_what_is_no_message_of_ours_is_declined_and_costs_no_try(tmp_path, raw):

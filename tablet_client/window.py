@@ -108,7 +108,7 @@ def open_window(
 
 @cache
 def _register() -> None:
-    for name in ("Theme", "Words"):
+    for name in ("Theme", "Words", "Pages"):
         register: Any = qmlRegisterSingletonType  # takes str, whatever its stubs say
         register(QUrl.fromLocalFile(str(_QML / f"{name}.qml")), "Handrail", 1, 0, name)
     register = qmlRegisterType

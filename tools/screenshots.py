@@ -103,16 +103,18 @@ class Camera:
             self.turn(0.05)
 
     def page(self, name: str) -> None:
-        from PySide6.QtCore import QObject
-
-        self.window.findChild(QObject, "tabs").setProperty("page", name)
+        self._ask(f"Pages.open('{name}')")
 
     def pages(self) -> list[str]:
         """Names of the pages that there are."""
-        from PySide6.QtCore import QObject
+        return str(self._ask("Pages.all.map(page => page.name).join(' ')")).split()
 
-        told: Any = self.window.findChild(QObject, "tabs").property("pages")
-        return [page["name"] for page in (told.toVariant() if hasattr(told, "toVariant") else told)]
+    def _ask(self, expression: str) -> Any:
+        """A QML expression's value."""
+        from PySide6.QtQml import QQmlExpression, qmlContext
+
+        value, _ = QQmlExpression(qmlContext(self.window), self.window, expression).evaluate()
+        return value
 
     def take(self, name: str) -> None:
         """Pictures of what the window shows, one a size."""

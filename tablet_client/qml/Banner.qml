@@ -5,6 +5,8 @@ import Handrail
 Rectangle {
     id: banner
 
+    property bool shown: true // where it stands, if there is something to say
+
     readonly property var view: desk.header
     readonly property string message:
         view.stopState === "failed"
@@ -22,7 +24,7 @@ Rectangle {
         : ""
 
     objectName: "banner"
-    visible: message !== ""
+    visible: shown && message !== ""
     implicitHeight: Math.max(Math.round(44 * Theme.scale), text.implicitHeight + 2 * Theme.gap)
     radius: Theme.radius
     color: Theme.badGround

@@ -2,7 +2,7 @@ import QtQuick
 import Handrail
 
 // What can be done with the selected template, beside the view.
-Row {
+Flow {
     id: bar
 
     readonly property var view: desk.bench.view

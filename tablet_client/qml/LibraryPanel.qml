@@ -9,9 +9,6 @@ Panel {
 
     readonly property var view: desk.library.view
     property string part: "programs" // programs, engines
-    signal started()
-    readonly property int _started: view.started
-    on_StartedChanged: if (_started > 0) started()
     readonly property bool _looks: visible && part === "engines"
     on_LooksChanged: desk.library.open(_looks)
 

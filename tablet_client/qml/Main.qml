@@ -9,6 +9,9 @@ Window {
 
     property int smoothing: 0
     property string look: "robot"
+    property bool beside: false // the 3-D view, beside a wide page
+    // A question is answered with the ghost in sight.
+    readonly property bool sceneShown: !Pages.wide || beside || desk.prompt.open
 
     width: 1280
     height: 800
@@ -26,6 +29,16 @@ Window {
     // STOP from anywhere in the window, whatever has the focus. Enter, not Space, presses buttons.
     Shortcut { sequences: ["Escape", "Space", "F12"]; context: Qt.ApplicationShortcut; autoRepeat: false; onActivated: desk.stop() }
 
+    Shortcut { sequences: ["Ctrl+Tab", "Ctrl+PgDown"]; onActivated: Pages.turn(1) }
+    Shortcut { sequences: ["Ctrl+Shift+Tab", "Ctrl+PgUp"]; onActivated: Pages.turn(-1) }
+
+    // What is selected is what one wants to see more of.
+    readonly property string selected: desk.bench.view.selected
+    onSelectedChanged: if (selected && !desk.prompt.open && !Pages.wide) Pages.open("objects")
+    // What has just been started is what one wants to watch.
+    readonly property int started: desk.library.view.started
+    onStartedChanged: if (started > 0) Pages.open("task")
+
     ColumnLayout {
         anchors.fill: parent
         spacing: 0
@@ -37,8 +50,11 @@ Window {
             Layout.margins: Theme.gap
             spacing: Theme.gap
 
+            Rail { Layout.fillHeight: true }
+            SceneToggle { visible: Pages.wide && !desk.prompt.open; open: window.beside; Layout.fillHeight: true; onClicked: window.beside = !window.beside }
             // The banner comes and goes on this side only: nothing moves away from under a finger on the other one.
             ColumnLayout {
+                visible: window.sceneShown
                 spacing: Theme.gap
                 Banner { Layout.fillWidth: true }
                 ScenePanel {
@@ -50,36 +66,14 @@ Window {
                 }
             }
             ColumnLayout {
-                Layout.preferredWidth: Math.round(372 * Theme.scale)
-                Layout.fillWidth: false
+                Layout.preferredWidth: Math.round(Pages.wide && !desk.prompt.open ? window.width * 0.55 : 372 * Theme.scale)
+                Layout.fillWidth: !window.sceneShown
                 Layout.fillHeight: true
                 spacing: Theme.gap
 
                 PromptCard { Layout.fillWidth: true }
-                Tabs {
-                    id: tabs
-                    objectName: "tabs"
-                    Layout.fillWidth: true
-                    // What is selected is what one wants to see more of.
-                    readonly property string selected: desk.bench.view.selected
-                    onSelectedChanged: if (selected && !desk.prompt.open) page = "objects"
-                    pages: [
-                        { name: "task", title: qsTr("Program"), mark: desk.run.view.status === "failed" ? Theme.danger : "" },
-                        { name: "library", title: qsTr("Library"), mark: "" },
-                        { name: "objects", title: qsTr("Objects"), mark: "" },
-                        { name: "move", title: qsTr("Move"), mark: "" },
-                        { name: "signals", title: qsTr("Signals"), mark: "" },
-                        { name: "robot", title: qsTr("Robot"), mark: "" },
-                        { name: "journal", title: qsTr("History"), mark: "" },
-                    ]
-                }
-                TaskPanel { visible: tabs.page === "task"; Layout.fillWidth: true; Layout.fillHeight: true }
-                LibraryPanel { visible: tabs.page === "library"; Layout.fillWidth: true; Layout.fillHeight: true; onStarted: tabs.page = "task" }
-                ObjectsPanel { visible: tabs.page === "objects"; Layout.fillWidth: true; Layout.fillHeight: true }
-                MovePanel { visible: tabs.page === "move"; Layout.fillWidth: true; Layout.fillHeight: true }
-                SignalsPanel { visible: tabs.page === "signals"; Layout.fillWidth: true; Layout.fillHeight: true }
-                RobotPanel { visible: tabs.page === "robot"; Layout.fillWidth: true; Layout.fillHeight: true }
-                JournalPanel { visible: tabs.page === "journal"; Layout.fillWidth: true; Layout.fillHeight: true; clip: true }
+                Banner { objectName: "pageBanner"; shown: !window.sceneShown; Layout.fillWidth: true }
+                PageStack { Layout.fillWidth: true; Layout.fillHeight: true }
             }
         }
     }

@@ -97,12 +97,12 @@ Rectangle {
         }
     }
 
-    Row {
+    Flow {
         id: views
         visible: stage.state === "ready"
         readonly property var names: ["robot", "work", "front", "side", "top"]
         readonly property var titles: [qsTr("Robot"), qsTr("Work"), qsTr("Front"), qsTr("Side"), qsTr("Top")]
-        anchors { top: parent.top; left: parent.left; margins: Theme.gap }
+        anchors { top: parent.top; left: parent.left; right: seen.left; margins: Theme.gap }
         spacing: Theme.tight
         Repeater {
             model: views.names
@@ -119,6 +119,7 @@ Rectangle {
         }
     }
     Column {
+        id: seen
         visible: stage.state === "ready"
         anchors { top: parent.top; right: parent.right; margins: Theme.gap }
         spacing: Theme.tight
@@ -159,7 +160,7 @@ Rectangle {
     }
     Column {
         anchors { top: views.bottom; left: parent.left; right: parent.right; margins: Theme.gap
-                  topMargin: Theme.gap + (desk.bench.view.selected ? Theme.touch + Theme.gap : 0) }
+                  topMargin: Theme.gap + (desk.bench.view.selected ? context.height + Theme.gap : 0) }
         Text {
             objectName: "baseUnknown"
             width: parent.width
@@ -184,7 +185,7 @@ Rectangle {
             }
         }
     }
-    ContextBar { anchors { top: views.bottom; left: parent.left; margins: Theme.gap } }
+    ContextBar { id: context; anchors { top: views.bottom; left: parent.left; right: seen.left; margins: Theme.gap } }
     GhostBar { anchors { left: parent.left; right: parent.right; bottom: parent.bottom; margins: Theme.gap } }
     EmptyScene { anchors.fill: parent }
 }

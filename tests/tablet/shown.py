@@ -128,6 +128,14 @@ class Shown:
                 near += max(map(abs, off)) < 40
         return near
 
+    def page(self, name: str) -> None:
+        """Opens a page of the rail."""
+        self.words(f"Pages.open('{name}')")
+
+    def pages(self) -> list[str]:
+        """Names of all pages."""
+        return list(self.words("Pages.all.map(page => page.name).join(' ')").split())
+
     def words(self, expression: str) -> Any:
         """A QML expression's value."""
         from PySide6.QtQml import QQmlExpression, qmlContext

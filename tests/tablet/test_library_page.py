@@ -31,7 +31,7 @@ def test_a_program_is_bound_given_a_parameter_and_run_from_the_page(robot, show)
     (deploy,) = robot.calls_of(Deploy)
     assert (deploy.bindings, deploy.parameters) == ({"arm": "right", "valve": "wheel_1"}, {"goal_deg": 90.0})
     assert [call.deployment for call in robot.calls_of(Run)] == ["deployment-9"]
-    shown.until(lambda: shown.find("tabs").property("page") == "task")
+    shown.until(lambda: shown.words("Pages.current") == "task")
 
 
 def test_a_release_is_gone_back_to_after_a_second_press(robot, show):

@@ -261,7 +261,7 @@ def test_a_window_that_goes_while_a_button_is_held_sends_nothing_more(robot, sho
         shown.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, shown.middle("move_tx+")
     )
     shown.until(lambda: robot.calls_of(Jog))
-    shown.item("tabs").setProperty("page", "journal")
+    shown.page("journal")
     shown.until(lambda: shown.desk.move.view["held"] == "")
 
 

@@ -91,7 +91,8 @@ def test_numbers_can_be_typed_and_space_is_stop_in_their_fields_too(selected, ro
 def test_a_tap_beside_everything_selects_nothing(selected):
     from PySide6.QtCore import QPoint, Qt
 
-    corner = selected.middle("sceneInput") + QPoint(-380, 250)
+    scene = selected.item("sceneInput")
+    corner = selected.middle("sceneInput") + QPoint(round(-0.45 * scene.width()), round(0.4 * scene.height()))
     selected.turn(0.6)  # not the second half of a double tap
     selected.test.mouseClick(selected.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, corner)
     selected.until(lambda: selected.desk.bench.view["selected"] == "")
@@ -108,8 +109,7 @@ def test_a_plan_is_executed_from_its_time_line_unless_the_button_says_why_not(ro
     robot.publish(robot.status())
     shown.press("execute")
     shown.until(lambda: [call.id for call in robot.calls_of(ExecutePlan)] == ["plan-1"])
-    assert shown.item("theme").isVisible() is False
-    shown.item("tabs").setProperty("page", "robot")
+    shown.page("robot")
     dark = shown.words("Theme.ground")
     shown.press("theme")
     shown.until(lambda: shown.words("Theme.ground") != dark)

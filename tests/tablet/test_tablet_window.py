@@ -514,11 +514,10 @@ def test_a_decision_with_all_its_figures_and_a_long_reason_leaves_every_control_
 def test_every_control_of_every_page_is_large_enough_for_a_finger_and_has_a_name(asking):
     asking.drawn().desk.bench.select("wheel_1")
     asking.until(lambda: asking.item("contextBar").isVisible())
-    pages = asking.item("tabs").property("pages")
-    names = [page["name"] for page in (pages.toVariant() if hasattr(pages, "toVariant") else pages)]
+    names = asking.pages()
     assert {"task", "objects", "move", "signals"} <= set(names)
     for name in names:
-        asking.item("tabs").setProperty("page", name)
+        asking.page(name)
         asking.turn(0.1)
         judge(asking, (asking.window.width(), asking.window.height()))
 
@@ -648,3 +647,48 @@ def test_the_command_names_what_is_wrong_with_its_address(screen, tmp_path):
     )
     assert ended.returncode == 1
     assert "tcp://HOST:PORT" in ended.stderr
+
+
+# ----------------------------------------------------------------------------------------------------------------- pages
+
+
+def test_the_rail_brings_every_page_and_loads_it_when_it_is_first_shown(show):
+    shown = show()
+    for name in shown.pages():
+        assert shown.item(f"page_{name}").property("active") == (name == "task")
+    for name in shown.pages():
+        shown.press(f"tab_{name}")
+        shown.until(lambda name=name: shown.item(f"page_{name}").isVisible())
+        shown.until(lambda name=name: shown.item(f"page_{name}").property("item") is not None)
+        assert [other for other in shown.pages() if shown.item(f"page_{other}").isVisible()] == [name]
+
+
+def test_the_keyboard_goes_through_the_pages_and_up_and_down_the_rail(show):
+    from PySide6.QtCore import Qt
+
+    shown = show()
+    shown.window.requestActivate()
+    shown.until(shown.window.isActive)
+    names = shown.pages()
+    shown.test.keyClick(shown.window, Qt.Key.Key_PageUp, Qt.KeyboardModifier.ControlModifier)
+    assert shown.words("Pages.current") == names[-1]
+    shown.test.keyClick(shown.window, Qt.Key.Key_PageDown, Qt.KeyboardModifier.ControlModifier)
+    assert shown.words("Pages.current") == names[0]
+    shown.item(f"tab_{names[0]}").forceActiveFocus(Qt.FocusReason.TabFocusReason)
+    shown.key(Qt.Key.Key_Down)
+    shown.key(Qt.Key.Key_Return)
+    assert shown.words("Pages.current") == names[1]
+
+
+def test_a_wide_page_takes_the_scenes_room_and_gives_it_back_for_a_question(robot, show):
+    robot.instances, robot.plans, robot.run = [robot.wheel()], [robot.plan()], robot.running()
+    shown = show().drawn()
+    shown.words("Pages.all = Pages.all.map(page => Object.assign({}, page, { wide: page.name === 'journal' }))")
+    shown.page("journal")
+    shown.until(lambda: not shown.item("scenePanel").isVisible())
+    shown.press("sceneToggle")
+    shown.until(shown.item("scenePanel").isVisible)
+    shown.press("sceneToggle")
+    shown.until(lambda: not shown.item("scenePanel").isVisible())
+    robot.publish(robot.prompt())
+    shown.until(shown.item("scenePanel").isVisible)

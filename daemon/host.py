@@ -25,6 +25,7 @@ import typer
 from daemon import exchange, timing
 from daemon.exchange import mailbox, ring
 from daemon.exchange.shared_file import drop_unless_fit
+from daemon.service_desk import ServiceDesk
 from daemon.serving.health import clear_health, write_health, write_processes
 from daemon.supervisor import Child, StartError, Supervisor
 from handrail.config import ConfigError
@@ -331,6 +332,7 @@ def _serve(processes: list[Child], runtime: Runtime, port: int | None) -> None:
     )
     supervisor.on_health = lambda health: write_health(runtime.folder, health)
     supervisor.on_processes = lambda processes: write_processes(runtime.folder, processes)
+    desk = ServiceDesk(runtime, supervisor)
     # A signal that comes just before a wait begins would be handled only after it: its arrival ends the wait, too.
     signal.set_wakeup_fd(supervisor.wake_fd, warn_on_full_buffer=False)
     numbers = [signal.SIGINT, signal.SIGTERM]
@@ -349,6 +351,7 @@ def _serve(processes: list[Child], runtime: Runtime, port: int | None) -> None:
             typer.echo("ending all processes")
     finally:
         signal.set_wakeup_fd(-1)
+        desk.close()
         supervisor.close()
         clear_health(runtime.folder)
 

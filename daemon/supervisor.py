@@ -13,11 +13,13 @@ import selectors
 import signal
 import subprocess
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import IO
+from typing import IO, Protocol
 
 from daemon.serving.health import ProcessTold
+from handrail.messages.processes import MOST_LINES
 
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -30,6 +32,10 @@ _LINES_S = 0.1
 """between two times that last words are told"""
 END_S = 2.0
 """from SIGTERM to SIGKILL"""
+_LONGEST_LINE = 500
+"""characters that are kept of a line"""
+_RESTART_S = 0.2
+"""from the word to the end: whoever carried it may be the one that ends, and has an answer to bring"""
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,12 @@ class State(enum.Enum):
     BACK_OFF = "back-off"
 
 
+class HasFileno(Protocol):
+    """What can be waited for, as a socket can."""
+
+    def fileno(self) -> int: ...
+
+
 class StartError(RuntimeError):
     """A child did not become ready at the first start; everything has been ended again."""
 
@@ -74,8 +86,10 @@ class _Kept:
     start_at: float = 0.0
     deaths: int = 0
     ever_up: bool = False
-    last: str = ""
-    """line said by it or about it"""
+    restart_at: float | None = None
+    """when it is to be ended and started anew, though it is well"""
+    said: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=MOST_LINES))
+    """(s, monotonic, line) said by it or about it"""
     partial: dict[str, bytes] = field(default_factory=dict)
     """by stream, the line that has not ended yet"""
 
@@ -84,6 +98,11 @@ class _Kept:
         if self.process is None:
             return None
         return self.process.stdout if what == "out" else self.process.stderr
+
+    @property
+    def last(self) -> str:
+        """The last line said by it or about it."""
+        return self.said[-1][1] if self.said else ""
 
 
 class Supervisor:
@@ -138,6 +157,32 @@ class Supervisor:
         process = self._kept[name].process
         return process.pid if process is not None else None
 
+    def log(self, name: str, lines: int) -> list[tuple[float, str]]:
+        """(age in s, line) of the last lines that a child said, or that were said about it, oldest first. Raises KeyError."""
+        now = time.monotonic()
+        return [(now - at, line) for at, line in list(self._kept[name].said)[-lines:]]
+
+    def restart(self, name: str, why: str) -> None:
+        """End a child in a moment, with those bound to it, and start them anew; one that waits out its back-off starts now.
+
+        Raises KeyError.
+        """
+        kept = self._kept[name]
+        self._say(name, why)
+        kept.delay_s = FIRST_DELAY_S
+        if kept.process is not None:
+            kept.restart_at = time.monotonic() + _RESTART_S
+        elif kept.state is State.BACK_OFF:
+            kept.start_at = time.monotonic()
+
+    def hear(self, source: int | HasFileno, call: Callable[[], None]) -> None:
+        """Have `call` called whenever there is something to read at `source`, until it is told to `forget` it."""
+        self._selector.register(source, selectors.EVENT_READ, ("heard", call))
+
+    def forget(self, source: int | HasFileno) -> None:
+        """The opposite of `hear`."""
+        self._selector.unregister(source)
+
     @property
     def all_up(self) -> bool:
         return all(kept.state is State.UP for kept in self._kept.values())
@@ -173,6 +218,9 @@ class Supervisor:
     def step(self, timeout_s: float | None, *, first_start: bool = False) -> None:
         """Start what may start, then deal with what happens within `timeout_s` (None: until something does)."""
         now = time.monotonic()  # the same for both: what falls due between two looks would never be woken for
+        for kept in self._kept.values():
+            if kept.restart_at is not None and now >= kept.restart_at:
+                self._anew(kept)
         self._start_due(now)
         if self._untold and now - self._told_at >= _LINES_S:
             self._tell_processes()
@@ -184,6 +232,8 @@ class Supervisor:
             what, kept = key.data
             if what == "wake":
                 os.read(self._wake_read, 64)
+            elif what == "heard":
+                kept()
             elif what == "dead":
                 died.append(kept)
             else:
@@ -227,6 +277,7 @@ class Supervisor:
         moments = [
             kept.start_at for kept in self._kept.values() if kept.state is State.BACK_OFF and kept.start_at > now
         ]
+        moments += [kept.restart_at for kept in self._kept.values() if kept.restart_at is not None]
         if self._untold:
             moments.append(self._told_at + _LINES_S)
         moments += [kept.since + kept.child.ready_s for kept in self._kept.values() if kept.state is State.STARTING]
@@ -275,7 +326,8 @@ class Supervisor:
     def _say(self, name: str, text: str) -> None:
         """A line of a child, or about it."""
         self._report(name, text)
-        self._kept[name].last, self._untold = text, True
+        self._kept[name].said.append((time.monotonic(), text[:_LONGEST_LINE]))
+        self._untold = True
 
     # -------------------------------------------------------------------------------------------------- watch
 
@@ -322,6 +374,18 @@ class Supervisor:
                 self._say(other.child.name, f"ended, since it can't go on without {kept.child.name}")
                 self._end_one(other)
                 self._back_off(other, 0.0)
+
+    def _anew(self, kept: _Kept) -> None:
+        kept.restart_at = None
+        if kept.process is None:
+            return  # it has died meanwhile, and its back-off runs
+        name = kept.child.name
+        bound = [other for other in self._kept.values() if name in other.child.bound_to and other.process is not None]
+        for other in bound:
+            self._say(other.child.name, f"ended, since {name} is started anew")
+        for each in (*bound, kept):
+            self._end_one(each)
+            self._back_off(each, 0.0)
 
     def _back_off(self, kept: _Kept, delay_s: float) -> None:
         kept.start_at = time.monotonic() + delay_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -15,80 +15,14 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from daemon.serving.health import ProcessTold, read_processes
+from daemon.process_use import Processes, Row
 from daemon.supervisor import State
-from handrail import usage
 from handrail.runtime import Runtime
 
 _ONCE_S = 0.5
 """over which --once counts processor time"""
-_GONE = "gone"
 _CPU_STEP, _MEMORY_STEP_MB = 2.0, 4.0
 """a process that uses no more or less by this is shown as before: rows change when something does"""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One process. What it has started itself (process nodes) follows in rows of their own."""
-
-    name: str
-    state: str
-    process: int | None
-    cpu: float
-    """% of a core"""
-    memory_mb: float
-    """resident"""
-    restarts: int
-    up_s: int
-    """wall time in its state"""
-    last: str
-
-
-class Processes:
-    """Looks at all processes of a service, again and again."""
-
-    def __init__(self, folder: Path):
-        self._folder = folder
-        self._used: dict[int, tuple[float, float]] = {}
-        """process → monotonic s and processor s when it was last looked at"""
-
-    def look(self) -> list[Row]:
-        """As they are now; processor time is counted since the last look. Empty: no service runs here."""
-        told = read_processes(self._folder)
-        started = usage.descendants() if told else {}
-        before, self._used = self._used, {}
-        rows = []
-        for each in told:
-            rows.append(self._row(each, each.name, each.process, before))
-            rows += self._below(each, started, before) if each.process is not None else []
-        return rows
-
-    def _below(
-        self, told: ProcessTold, started: dict[int, list[tuple[int, str]]], before: dict[int, tuple[float, float]]
-    ) -> list[Row]:
-        rows, waiting = [], [(process, name, 1) for process, name in started.get(told.process or 0, ())]
-        while waiting:
-            process, name, depth = waiting.pop(0)
-            of_its_own = ProcessTold(name, told.state, process, told.since, 0, "")
-            row = self._row(of_its_own, "  " * depth + name, process, before)
-            if row.state != _GONE:  # it ended by itself, while it was looked at
-                rows.append(row)
-            waiting = [(*each, depth + 1) for each in started.get(process, ())] + waiting
-        return rows
-
-    def _row(self, told: ProcessTold, name: str, process: int | None, before: dict[int, tuple[float, float]]) -> Row:
-        cpu, memory_mb, state = 0.0, 0.0, told.state
-        if process is not None:
-            try:
-                now, used = time.monotonic(), usage.processor_s(process)
-                self._used[process] = now, used
-                memory_mb = usage.resident_mb(process)
-                at, used_then = before.get(process, (now, used))
-                cpu = 100.0 * (used - used_then) / (now - at) if now > at else 0.0
-            except OSError:  # and its supervisor has not said so (yet)
-                state = _GONE
-        up_s = max(0, int(time.time() - told.since))
-        return Row(name, state, process, cpu, memory_mb, told.deaths, up_s, told.last)
 
 
 def settled(before: list[Row], now: list[Row]) -> list[Row]:

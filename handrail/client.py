@@ -144,6 +144,11 @@ class Client(InstanceCalls, NodeCalls, TemplateCalls):
         return self._session.sent_bytes, self._session.received_bytes
 
     @property
+    def traffic_by_kind(self) -> dict[str, int]:
+        """Bytes received so far by type of event; answers to calls under the empty name."""
+        return dict(self._session.received_by_kind)
+
+    @property
     def connected(self) -> bool:
         """True while the gate is there and knows this client's key."""
         return self._session.connected

@@ -66,6 +66,11 @@ class Runtime:
         return self.folder / "stop.sock"
 
     @property
+    def service(self) -> Path:
+        """The socket (seqpacket) of the supervisor of all processes here: `handrail up`."""
+        return self.folder / "service.sock"
+
+    @property
     def robot(self) -> Path:
         """Text: the folder of the robot whose service runs here; there while it does."""
         return self.folder / "robot"

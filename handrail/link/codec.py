@@ -41,14 +41,31 @@ from handrail.messages import (
     EngineSays,
     ExecutePlan,
     ExpandTemplate,
+    GateCall,
     GetChallenge,
+    GetEngine,
+    GetEngines,
+    GetIdentity,
+    GetInstances,
+    GetNodes,
+    GetOutline,
+    GetPlan,
+    GetProcesses,
+    GetProcessLog,
+    GetProgram,
     GetReach,
+    GetReleases,
+    GetRobot,
+    GetRunHistory,
+    GetSafety,
+    GetStatus,
     GuestCall,
     HoldInstance,
     HoldTime,
     InstanceState,
     Jog,
     KeepAlive,
+    ListLibrary,
     MakePlan,
     Message,
     MoveInstance,
@@ -64,6 +81,7 @@ from handrail.messages import (
     ReleaseTime,
     ReloadNode,
     RemoveInstance,
+    RestartProcess,
     ResumeAction,
     ReturnLease,
     RollBack,
@@ -72,6 +90,7 @@ from handrail.messages import (
     RunTemplate,
     SaveProgram,
     SensorEvent,
+    ServiceCall,
     SetJoint,
     SetParameters,
     SetSpeed,
@@ -83,6 +102,7 @@ from handrail.messages import (
     StreamPose,
     TakeLease,
     UndoEdit,
+    WatchPort,
     spec,
 )
 
@@ -114,7 +134,11 @@ DAEMON_CALLS = _remote(DaemonCall)
 ENGINE_CALLS = _remote(EngineCall)
 GUEST_CALLS = _remote(GuestCall)
 """how an engine on another machine is there (`handrail.link.guests`)"""
-REMOTE_CALL: Any = functools.reduce(operator.or_, DAEMON_CALLS + ENGINE_CALLS + GUEST_CALLS)
+SERVICE_CALLS = _remote(ServiceCall)
+"""what the supervisor of all processes answers"""
+REMOTE_CALL: Any = functools.reduce(
+    operator.or_, DAEMON_CALLS + ENGINE_CALLS + GUEST_CALLS + SERVICE_CALLS + _remote(GateCall)
+)
 """union of the calls that the link takes"""
 COMMANDS = (
     *(StartAction, StartBehaviour, StreamPose, StreamJoints, CancelAction, PauseAction, ResumeAction),
@@ -133,7 +157,14 @@ REMOTE_ANSWER: Any = Answer | NoAnswer
 
 CODE = (PutBundle, SaveProgram, RollBack, ReloadNode)
 """calls that change which code runs on the robot: a developer's. StartNode is none: it runs what the library has"""
+OBSERVING = (
+    *(GetIdentity, GetRobot, GetStatus, GetSafety, GetProcesses, GetProcessLog),
+    *(GetEngines, GetEngine, GetInstances, GetPlan, GetReach, GetRunHistory, GetOutline, GetNodes, WatchPort),
+    *(ListLibrary, GetProgram, GetReleases, AwaitPlan, Stop),
+)
+"""calls that change nothing, and STOP, which is everybody's: all that an observer may say"""
 SIGNED = (
+    RestartProcess,
     PutBundle,
     SaveProgram,
     RollBack,

@@ -33,8 +33,9 @@ from handrail.link import codec, keys, selections
 from handrail.link.backend import Backend, Gone
 from handrail.link.guests import Guests, check_owner
 from handrail.link.selections import Selections
+from handrail.link.service import ask_supervisor
 from handrail.link.streams import LatestValues
-from handrail.messages import EngineInfo, Engines, GetEngines, Ok, Refused, Stop, spec
+from handrail.messages import ClientIdentity, EngineInfo, Engines, GetEngines, GetIdentity, Ok, Refused, Stop, spec
 from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, stop_now
 from handrail.topics import RefusedError
@@ -223,6 +224,12 @@ class Gate:
             if isinstance(message, Stop):
                 await self._answer(identity, number, await self._stop(message, self._name_of(key)))
                 return
+            if isinstance(message, GetIdentity):
+                await self._answer(identity, number, self._whose(key))
+                return
+            if not isinstance(message, codec.OBSERVING) and self._role_of(key) == "observer":
+                await self._answer(identity, number, _only_observes(message, self._name_of(key)))
+                return
             if isinstance(message, codec.CODE):
                 who = self._keys.identity_of(key)
                 if who is None or who.role != "developer":
@@ -236,6 +243,10 @@ class Gate:
             message = self._signed(message, key)
             if isinstance(message, GetEngines) and not message.engine:
                 await self._answer(identity, number, Engines(engines=await self._all_engines()))
+                return
+            if isinstance(message, codec.SERVICE_CALLS):
+                answer = await self._ask_supervisor(message)
+                await self._calls.send_multipart((identity, number, answer))
                 return
             backend = self._daemon
             if not isinstance(message, codec.DAEMON_CALLS + codec.COMMANDS):
@@ -257,6 +268,19 @@ class Gate:
             self._in_flight[identity] -= 1
             if not self._in_flight[identity]:
                 del self._in_flight[identity]
+
+    def _whose(self, key: bytes) -> ClientIdentity:
+        who = self._keys.identity_of(key)
+        return ClientIdentity(name=who.name, role=who.role) if who else ClientIdentity(name="", role="none")
+
+    async def _ask_supervisor(self, message: Any) -> bytes:
+        """Its answer, packed."""
+        name = type(message).__name__
+        try:
+            encoded = await ask_supervisor(self._runtime, self._encoder.encode(message), codec.timeout_s(type(message)))
+        except Gone as problem:
+            return self._packer.pack(codec.NoAnswer(message=f"{name}: {problem}"))
+        return self._packer.pack_encoded(encoded)
 
     async def _guest(self, message: Any, key: bytes) -> msgspec.Struct | None:
         """The answer to an engine on another machine. Raises RefusedError."""
@@ -453,6 +477,18 @@ def _no_code(message: Any, who: keys.Identity | None, key: bytes) -> Refused:
         field="role",
         value=role,
         expected="developer",
+    )
+
+
+def _only_observes(message: Any, name: str) -> Refused:
+    """Why this one may not command."""
+    _log.warning("%s from %s, who observes, was refused", type(message).__name__, name)
+    return Refused(
+        message=f"observers look on, and may stop the robot: {name}'s key has the role observer; on the robot, move "
+        f"allowed/observers/{name}.key to allowed/ where that is to change",
+        field="role",
+        value="observer",
+        expected="operator",
     )
 
 

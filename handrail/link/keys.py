@@ -8,8 +8,8 @@ One folder holds them, ``$HANDRAIL_KEYS`` or ``handrail/keys`` under ``$XDG_CONF
     client.key_secret   this user's secret key      never leaves the client
     allowed/*.key       public keys that the robot lets in, one file a client; the file's name is the client's name.
                         They are operators'; those in allowed/developers/ may also bring code, those in allowed/engines/ are
-                        other machines' engines, which may command the robot. This folder's own client.key is a developer's
-                        wherever it lies
+                        other machines' engines, which may command the robot, those in allowed/observers/ may look and stop, and
+                        command nothing. This folder's own client.key is a developer's wherever it lies
 
 The first run on a machine makes all of them, with this user's client allowed. To let another machine in, pair the two
 (``handrail pair``, `handrail.link.pairing`), or copy its ``client.key`` to the robot as ``allowed/NAME.key`` and the robot's
@@ -31,8 +31,13 @@ import zmq.auth
 
 _ALLOWED = "allowed"
 
-Role = Literal["operator", "developer", "engine"]
-_ROLES: dict[str, Role] = {"": "operator", "developers": "developer", "engines": "engine"}
+Role = Literal["operator", "developer", "engine", "observer"]
+_ROLES: dict[str, Role] = {
+    "": "operator",
+    "developers": "developer",
+    "engines": "engine",
+    "observers": "observer",
+}
 """folder below `allowed` → what those in it are"""
 
 

@@ -26,7 +26,7 @@ def pair(
         ),
     ] = "",
     role: Annotated[
-        Literal["operator", "developer", "engine"],
+        Literal["operator", "developer", "engine", "observer"],
         typer.Option(help="On the robot: what the other may (docs/deployment.md)."),
     ] = "operator",
     name: Annotated[
@@ -58,8 +58,12 @@ def _join(address: str, code: str, name: str, keys: Path | None) -> None:
         fail("code: got none; expected the eight digits that handrail pair shows on the robot")
     accepted = pairing.pair(pairing.endpoint_of(address), code, keys, name=name or pairing.own_name())
     _out.print(
-        f"paired: the robot calls this client {accepted.name}, and takes it for an {accepted.role}'s", highlight=False
+        f"paired: the robot calls this client {accepted.name}, and takes it for {_a(accepted.role)}'s", highlight=False
     )
+
+
+def _a(role: str) -> str:
+    return f"{'a' if role == 'developer' else 'an'} {role}"
 
 
 def _let_in(role: link_keys.Role, name: str, bind: str, port: int, keys: Path | None) -> None:
@@ -78,5 +82,5 @@ def _let_in(role: link_keys.Role, name: str, bind: str, port: int, keys: Path | 
         fail("three wrong tries: nobody was let in" if desk.tries <= 0 else "nobody came in time: nobody was let in")
     else:
         _out.print(
-            f"paired: {desk.paired.name} is an {desk.paired.role} from now on ({desk.paired.file})", highlight=False
+            f"paired: {desk.paired.name} is {_a(desk.paired.role)} from now on ({desk.paired.file})", highlight=False
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import queue
+import re
 import secrets
 import threading
 import time
@@ -33,6 +34,7 @@ _REJECTED = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCO
 _MONITORED = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | _REJECTED
 _RETRY_REJECTED_S = 1.0
 _LONG_S = 3600.0
+_KIND = re.compile(rb"~?(\w+)")
 
 
 @dataclass
@@ -92,6 +94,8 @@ class Session:
         """of calls, as they crossed the link (without ZeroMQ's own frames: some 40 bytes a call)"""
         self.received_bytes = 0
         """of answers and events"""
+        self.received_by_kind: dict[str, int] = {}
+        """the same by type of event; answers under the empty name"""
         self._thread = threading.Thread(target=self._run, name="handrail-link", daemon=True)
         self._thread.start()
 
@@ -259,7 +263,7 @@ class Session:
 
     def _take_answers(self) -> None:
         for number, payload in _received(self._calls, 2):
-            self.received_bytes += len(number) + len(payload)
+            self._count("", len(number) + len(payload))
             call = self._sent.pop(number, None)
             if call is None:
                 continue  # its caller has given up
@@ -269,6 +273,10 @@ class Session:
                 call.answer.set_exception(
                     Unreachable(f"{call.name}: the gate answered what this version does not understand: {problem}")
                 )
+
+    def _count(self, kind: str, size: int) -> None:
+        self.received_bytes += size
+        self.received_by_kind[kind] = self.received_by_kind.get(kind, 0) + size
 
     def _take_connection_news(self) -> None:
         while self._monitor.poll(0):
@@ -301,7 +309,7 @@ class Session:
 
     def _take_events(self) -> None:
         for name, payload in _received(self._events, 2):
-            self.received_bytes += len(name) + len(payload)
+            self._count(_kind_in(name), len(name) + len(payload))
             if (events := self._streams.get(name) or self._choosing.get(name)) is not None:
                 events._went_live()
                 continue
@@ -386,6 +394,12 @@ class Session:
         self._calls.disable_monitor()
         with self._lock:
             self._context.destroy(linger=0)
+
+
+def _kind_in(topic: bytes) -> str:
+    """The type of event that a topic, or a selection, is of; `sync` for what is said of streams themselves."""
+    found = _KIND.match(topic)
+    return found[1].decode() if found else "sync"
 
 
 def _received(socket: zmq.Socket, frames: int) -> list[list[bytes]]:

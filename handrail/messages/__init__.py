@@ -194,6 +194,17 @@ from handrail.messages.plans import (
 from handrail.messages.plant import (
     GroundTruth,
 )
+from handrail.messages.processes import (
+    ClientIdentity,
+    GetIdentity,
+    GetProcesses,
+    GetProcessLog,
+    Processes,
+    ProcessLog,
+    ProcessUse,
+    RestartProcess,
+    SaidLine,
+)
 from handrail.messages.programs import (
     CheckTask,
     Deploy,
@@ -293,6 +304,7 @@ __all__ = [
     "Choice",
     "Choices",
     "ClearStop",
+    "ClientIdentity",
     "CodeChanged",
     "CommandGripper",
     "Compliance",
@@ -333,6 +345,7 @@ __all__ = [
     "ForceTorqueState",
     "FrameGoal",
     "FrameLine",
+    "GateCall",
     "GazeGoal",
     "GetBase",
     "GetChallenge",
@@ -340,10 +353,13 @@ __all__ = [
     "GetEngine",
     "GetEngines",
     "GetHardware",
+    "GetIdentity",
     "GetInstances",
     "GetNodes",
     "GetOutline",
     "GetPlan",
+    "GetProcessLog",
+    "GetProcesses",
     "GetProgram",
     "GetReach",
     "GetReleases",
@@ -420,6 +436,9 @@ __all__ = [
     "PostureGoal",
     "PostureKnots",
     "PowerState",
+    "ProcessLog",
+    "ProcessUse",
+    "Processes",
     "ProgramParameter",
     "ProgramResource",
     "ProgramSource",
@@ -441,6 +460,7 @@ __all__ = [
     "Releases",
     "ReloadNode",
     "RemoveInstance",
+    "RestartProcess",
     "ResumeAction",
     "ResumeRun",
     "ReturnLease",
@@ -456,8 +476,10 @@ __all__ = [
     "SafetyReport",
     "SafetyRule",
     "Said",
+    "SaidLine",
     "SaveProgram",
     "SensorEvent",
+    "ServiceCall",
     "SetAutonomy",
     "SetBreakpoints",
     "SetJoint",
@@ -640,6 +662,10 @@ EngineCall = (
 )
 GuestCall = FetchCalls | EngineSays
 """what an engine on another machine asks the gate"""
+ServiceCall = GetProcesses | GetProcessLog | RestartProcess
+"""what the supervisor of the robot's service answers"""
+GateCall = GetIdentity
+"""what the link answers itself"""
 EngineEvent = (
     InstanceState
     | PlanPreview
@@ -689,4 +715,7 @@ Answer = (
     | ProgramSource
     | Reach
     | TemplateProgram
+    | Processes
+    | ProcessLog
+    | ClientIdentity
 )

@@ -13,6 +13,8 @@ CALLS_AND_EVENTS = [
     *messages.EngineCall.__args__,
     *messages.EngineEvent.__args__,
     *messages.GuestCall.__args__,
+    *messages.ServiceCall.__args__,
+    messages.GetIdentity,
     messages.PointCloud,
     messages.GroundTruth,
 ]

@@ -59,6 +59,7 @@ def test_chosen_fields_alone_travel(robot):
         daemon.publish(state(7))
         assert events.next(30) == Part(kind="RobotState", values={"time_ns": 14_000_000, "cycle": 7})
         _, received = client.traffic
+        assert 0 < client.traffic_by_kind["RobotState"] <= received
     assert received < 150, "bytes: its positions, velocities, torques take more than 1,000"
 
 

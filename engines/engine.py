@@ -118,6 +118,8 @@ class Engine:
         self._seeds: dict[str, Mapping[str, Sequence[np.ndarray]]] = {}
         """deployment → state → where its plans ended in the last rehearsal"""
         self._job: Job | None = None
+        self._by_hand: JogExecution | PlanExecution | None = None
+        """what is, or was, moved in a pause of a run"""
         self._run: ProgramRun | None = None
         self._told_status = ""
         self._publisher = Publisher(runtime.endpoint(f"{name}.events"))
@@ -169,9 +171,9 @@ class Engine:
             m.ExpandTemplate: self._templates.program,
             m.RunTemplate: self._run_template,
             m.PauseRun: lambda call: self._running().pause(),
-            m.ResumeRun: lambda call: self._running().resume(),
+            m.ResumeRun: lambda call: self._resume(),
             m.StopRun: lambda call: self._stop_run(),
-            m.StepRun: lambda call: self._program_run().step(),
+            m.StepRun: lambda call: self._step(),
             m.SetBreakpoints: self._set_breakpoints,
             m.TakeTransition: lambda call: self._program_run().take(call.state, call.way),
             m.RunFrom: self._run_from,
@@ -220,12 +222,13 @@ class Engine:
         """Cancel what moves and what is planned, publish what is left, and free everything."""
         self._desk.cancel()
         self._called_off.set()
-        if self._job is not None and self._job.active:
-            try:
-                self._job.stop()
-            except RefusedError as refused:
-                self._log("warning", str(refused))
-            self._job.join(0.5)
+        for job in (self._by_hand, self._job):
+            if job is not None and job.active:
+                try:
+                    job.stop()
+                except RefusedError as refused:
+                    self._log("warning", str(refused))
+                job.join(0.5)
         self._instances.close()
         self._publish()
         self._services.nodes.close()
@@ -331,10 +334,10 @@ class Engine:
         return self._desk.work(f"edit of {call.id}", plan, supersedes=call.id)
 
     def _execute_plan(self, call: m.ExecutePlan) -> None:
-        self._idle()
+        lender = self._lender()
         record = self._services.plans.get(call.id)
         try:
-            self._job = PlanExecution(self._services, record, call.segments)
+            self._moves(PlanExecution(self._services, record, call.segments, lender), lender)
         except ActivityFailed as failed:
             raise refuse(str(failed)) from failed
 
@@ -367,8 +370,9 @@ class Engine:
         self._tell(self._info())
 
     def _await_plan(self, call: m.AwaitPlan) -> m.PlanPreview | Future[m.PlanPreview]:
-        if isinstance(self._job, PlanExecution) and self._job.plan == call.id:
-            return self._job.ended
+        for job in (self._by_hand, self._job):
+            if isinstance(job, PlanExecution) and job.plan == call.id:
+                return job.ended
         plans = self._services.plans
         record = plans.get(call.id)
         if not record.finished:
@@ -377,11 +381,43 @@ class Engine:
 
     def _jog(self, call: m.Jog) -> Future[m.Jogged]:
         answer: Future[m.Jogged] = Future()
-        if isinstance(self._job, JogExecution) and self._job.turned_to(call, answer):
-            return answer
-        self._idle()
-        self._job = JogExecution(self._services, call, answer)
+        for job in (self._by_hand, self._job):
+            if isinstance(job, JogExecution) and job.turned_to(call, answer):
+                return answer
+        lender = self._lender()
+        self._moves(JogExecution(self._services, call, answer, lender), lender)
         return answer
+
+    def _moves(self, job: JogExecution | PlanExecution, lender: ProgramRun | None) -> None:
+        if lender is None:
+            self._job = job
+        else:
+            self._by_hand = job
+
+    def _lender(self) -> ProgramRun | None:
+        """The paused run beside which the robot may be moved by hand; None where nothing runs. Refused where something does."""
+        run = self._run
+        if run is None or self._job is not run or run.state.status != "paused":
+            self._idle()
+            return None
+        self._not_by_hand()
+        if self._changing_runs.locked():
+            raise refuse("the engine is busy: a run is just being started")
+        return run
+
+    def _not_by_hand(self) -> None:
+        if self._by_hand is not None and self._by_hand.active:
+            raise refuse("the robot is being moved by hand: wait until it stands, or stop it")
+
+    def _resume(self) -> None:
+        job = self._running()
+        if job is self._by_hand and not job.paused:
+            self._not_by_hand()
+        job.resume()
+
+    def _step(self) -> None:
+        self._not_by_hand()
+        self._program_run().step()
 
     def _deploy(self, call: m.Deploy) -> m.Deployment:
         with workspace.pinned(workspace.deployed()):  # all of it from one release
@@ -466,6 +502,7 @@ class Engine:
             raise refuse("no program has run yet: start one first", "state", call.state, "a state of the last program")
         if self._job is not run or self._changing_runs.locked():
             self._idle()
+        self._not_by_hand()
         deployed = self._deployed(call.deployment) if call.deployment else run.deployed
         if deployed.program.name != run.deployed.program.name:
             wanted = f"a deployment of {run.deployed.program.name}, which has run"
@@ -574,10 +611,14 @@ class Engine:
     def _idle(self) -> None:
         if self._changing_runs.locked():
             raise refuse("the engine is busy: a run is just being started")
+        self._not_by_hand()
         if self._job is not None and self._job.active:
             raise refuse("the engine is busy: stop what runs first")
 
     def _running(self) -> Job:
+        """What is moved by hand before the run in whose pause it is."""
+        if self._by_hand is not None and self._by_hand.active:
+            return self._by_hand
         if self._job is None or not self._job.active:
             raise refuse("nothing is running")
         return self._job

@@ -365,7 +365,9 @@ class Client(InstanceCalls, NodeCalls, TemplateCalls):
         self.call(PauseRun())
 
     def resume_run(self) -> None:
-        """Go on."""
+        """Go on. Refused, once, where a pre-condition of what its states do is not met, as after the robot was moved by hand: it
+        stays paused and says which, and what can be done; resumed once more, the program goes its own way for what can't go on.
+        """
         self.call(ResumeRun())
 
     def stop_run(self) -> None:

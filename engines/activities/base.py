@@ -18,6 +18,7 @@ from engines.learning.facts import RunNotes
 from engines.nodes.keeper import NodeKeeper
 from engines.plans.store import PlanStore
 from engines.runs.motion import Motion
+from engines.runs.preconditions import Precondition
 from engines.runs.prompts import Prompts
 from handrail.messages import Along, Base, Goal, KeyFrame, PlanMotion, PointCloud
 from handrail.robot.description import RobotDescription
@@ -220,6 +221,12 @@ class Activity(ABC):
     @abstractmethod
     def run(self) -> dict[str, Any]:
         """Do it; returns the outputs. Raises ActivityFailed."""
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """What has to hold so that it can begin, or once it has begun go on, after a pause: of its motion, that this is where it
+        was left. Asked from another thread; on one that has not begun, too.
+        """
+        yield from self.context.motion.preconditions(self.cancelled)
 
     def cancel(self) -> None:
         """Called from another thread when the state is left before it is done; `run` must return soon."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.runs.motion import MotionFailed
+from engines.runs.preconditions import Precondition
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, Part, find
 from handrail.config import ConfigError
 
@@ -38,6 +39,15 @@ class BehaveActivity(Activity):
         except MotionFailed as failed:
             raise ActivityFailed(failed.reason, str(failed)) from failed
         return {"outcome": ended.outcome, "step": ended.step}
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        name = self.values["behaviour"]
+        try:
+            find(name)
+        except ConfigError as gone:
+            yield Precondition(f"there is the behaviour {name}", False, str(gone))
+        yield from super().preconditions()
 
     def cancel(self) -> None:
         super().cancel()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -13,7 +13,9 @@ import numpy as np
 
 from affordance_templates.instance import Instance
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.waypoints import there_is
 from engines.runs.motion import MotionFailed
+from engines.runs.preconditions import Precondition
 from handrail.behaviour_file import named, with_frames
 from handrail.messages import (
     EndCondition,
@@ -113,6 +115,13 @@ class ControlActivity(Activity):
                 if self._places.get(reference.task) != here:
                     self.services.daemon.call(StreamPose(id=action, task=reference.task, position=here))
                     self._places[reference.task] = here
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        for reference in self.values["references"]:
+            if isinstance(reference, Mapping) and "follow" in reference:
+                yield there_is(self.services, reference["follow"])
+        yield from super().preconditions()
 
     def cancel(self) -> None:
         super().cancel()

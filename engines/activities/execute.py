@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from affordance_templates.template import ResolvedWaypoint
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind, Services
 from engines.plans.store import PlanRecord
 from engines.runs.motion import Motion, MotionFailed
+from engines.runs.preconditions import Precondition
 from handrail import compound_tasks
 from handrail.messages import ActionEvent, Along
 from handrail.topics import RefusedError
@@ -60,7 +61,7 @@ def execute(
     check(services, record, segments)
 
     def fresh() -> str:
-        why = services.plans.stale(record, start=False)
+        why = services.plans.stale(record, start=False) or motion.strayed(record.plan.joints)
         return f"the plan is stale: {why}" if why else still()
 
     turned = 0.0
@@ -125,6 +126,21 @@ def _note_along(services: Services, along: Along, ended: ActionEvent) -> float:
     return along.by
 
 
+def fresh(services: Services, motion: Motion, record: PlanRecord, segments: Sequence[str]) -> Iterator[Precondition]:
+    """That a plan can be executed, or gone on with: a precondition for each thing that may have made it stale."""
+    under_way = record.executing
+    whole = not segments or record.plan.segments[0].name in segments
+    what = f"{record.plan.id} ({record.plan.label}) can be {'gone on with' if under_way else 'executed'}"
+    causes = services.plans.causes(record, start=whole and not under_way)
+    for cause in causes:
+        yield Precondition(what, False, cause.words)
+    if not causes:
+        yield Precondition(what, True)
+    if under_way:
+        others = motion.strayed(record.plan.joints)
+        yield Precondition(what, not others, others)
+
+
 class ExecuteActivity(Activity):
     """Runs a plan. Done with `outcome` `done`, or the name of the guard that ended it in `segment`."""
 
@@ -140,6 +156,16 @@ class ExecuteActivity(Activity):
         except RefusedError as refused:
             raise ActivityFailed("refused", str(refused)) from refused
         return execute(self.services, self.context.motion, record, self.values["segments"], self.cancelled)
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        try:
+            record = self.services.plans.get(str(self.values["plan"]))
+        except RefusedError as refused:
+            yield Precondition("there is the plan to execute", False, str(refused))
+            return
+        yield from fresh(self.services, self.context.motion, record, self.values["segments"])
+        yield from super().preconditions()
 
     def cancel(self) -> None:
         super().cancel()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Context, Kind, Services
 from engines.runs.motion import MotionFailed
+from engines.runs.preconditions import Precondition
 from handrail.messages import (
     CompliantMotion,
     EndCondition,
@@ -116,6 +117,13 @@ class HandActivity(Activity):
             effort=values["effort"], velocity=values["speed"],
         )  # fmt: skip
         return {"holds": holds}
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        known, pose = self.services.description.arms[self.values["arm"]].hand_poses, self.values["pose"]
+        expected = f"one of {', '.join(known) or 'none'}"
+        yield Precondition("the hand has the pose", pose in known, f"{pose!r}", expected)
+        yield from super().preconditions()
 
     def cancel(self) -> None:
         super().cancel()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Context, Kind
 from engines.nodes import library
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.ports import plain
+from engines.runs.preconditions import Precondition
 
 
 class NodeActivity(Activity):
@@ -103,6 +104,14 @@ class NodeActivity(Activity):
         known = [port.name for port in process.hello.outputs]
         if odd := [each for each in wanted if each not in known]:
             raise NodeFailed(f"output {odd[0]}: there is none; expected one of {', '.join(known) or 'none'}")
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        name = str(self.values["node"])
+        try:
+            library.find(name)
+        except ValueError as gone:
+            yield Precondition(f"there is the node {name}", False, str(gone))
 
     def cancel(self) -> None:
         super().cancel()

@@ -4,12 +4,14 @@ commanded to be.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
-from engines.activities.waypoints import asked_for, chosen, way_to
+from engines.activities.waypoints import asked_for, chosen, there_is, way_to
+from engines.runs.preconditions import Precondition, at_posture
 from handrail.messages import PlanMotion
+from handrail.topics import RefusedError
 
 _STROKE = ("instance", "trajectory")
 _ENTRY = ("arc", "entry_shift")
@@ -72,6 +74,7 @@ class PlanActivity(Activity):
 
         self.services.daemon.hold_time(self.context.hold_s)
         values = self.values
+        self._from = self.services.daemon.command()
         after = str(values["after"] or "")
         call: PlanMotion | None = None
         if values["waypoint"]:
@@ -113,6 +116,24 @@ class PlanActivity(Activity):
             "limit_margin": preview.limit_margin,
             "duration": preview.duration,
         }
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        values, here, before = self.values, self.services.daemon.command(), getattr(self, "_from", None)
+        if values["instance"]:
+            yield there_is(self.services, values["instance"])
+        if values["after"]:
+            try:
+                self.services.plans.get(str(values["after"]))
+            except RefusedError as refused:
+                yield Precondition("there is the plan from whose end it is planned", False, str(refused))
+        elif here is None:
+            yield Precondition(
+                "it is known where the robot is", False, "the daemon has not told it", "a daemon that runs"
+            )
+        elif before is not None:
+            joints = self.services.description.joints
+            yield at_posture("the plan that is being made starts at the robot's present posture", joints, before, here)
 
     def _way(self) -> PlanMotion:
         """To the waypoint. Raises ActivityFailed."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from engines import identifiers
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.runs.preconditions import Precondition
 from handrail.messages import Prompt
 from handrail.topics import RefusedError
 
@@ -47,6 +49,21 @@ class PromptActivity(Activity):
             raise ActivityFailed("cancelled", "the prompt was withdrawn")
         self.services.daemon.hold_time(self.context.hold_s)
         return {"answer": closed.answer, "by": closed.by}
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity: whoever approves of a plan must not approve of one that can't be executed any more."""
+        if not (plan := self.values["plan"]):
+            return
+        try:
+            record = self.services.plans.get(plan)
+        except RefusedError as refused:
+            yield Precondition("there is the plan that it asks about", False, str(refused))
+            return
+        if record.reached < 0:
+            for cause in self.services.plans.causes(record):
+                yield Precondition(
+                    f"{plan} ({record.plan.label}), which it asks about, can be executed", False, cause.words
+                )
 
     def _details(self, plan: str | None) -> dict[str, float]:
         if not plan:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,13 @@ from engines.activities.execute import waypoint_of
 from engines.plans.store import PlanRecord
 from engines.runs import retrace
 from engines.runs.motion import MotionFailed
+from engines.runs.preconditions import Precondition, at_posture
 from handrail.messages import CartesianImpedance, Motion, Pose
 from handrail.topics import RefusedError
 
 _OUT_S = 1.5
+_LOOKED_AT, _OFF = 200, 0.05
+"""points of the way that it came that are looked at, and rad that a joint may be off the nearest: what a guard's stop left"""
 
 
 class RetreatActivity(Activity):
@@ -29,24 +33,57 @@ class RetreatActivity(Activity):
 
     arguments = {"plan": Argument(Kind.VALUE)}
     outputs = frozenset({"moved"})
+    _moving = False
 
     def run(self) -> dict[str, Any]:
         try:
             record = self.services.plans.get(str(self.values["plan"]))
         except RefusedError as refused:
             raise ActivityFailed("refused", str(refused)) from refused
-        if record.reached < 0:
+        waypoint = self._engaged(record)
+        if waypoint is None or record.instance is None or record.trajectory is None:
             return {"moved": False}
-        name = record.plan.segments[record.reached].name
-        waypoint = waypoint_of(record, name)
-        if waypoint is None or waypoint.approach == "free" or record.instance is None or record.trajectory is None:
-            return {"moved": False}
+        if self.context.motion.by_hand:
+            for each in self._on_its_way(record):
+                if not each.met:
+                    raise ActivityFailed("stale", f"the tool may still be engaged: {each}")
         if waypoint.approach == "straight":
             return {"moved": self._along_segment(record, back=self._leads_in(record.trajectory, waypoint))}
         if waypoint.to == "arc_end":
             self._back_off(record, record.instance, record.trajectory, waypoint)
         self._straight_out(record, record.instance, record.trajectory, waypoint)
         return {"moved": True}
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        yield from super().preconditions()
+        try:
+            record = self.services.plans.get(str(self.values["plan"]))
+        except RefusedError as refused:
+            yield Precondition("there is the plan whose way it goes back", False, str(refused))
+            return
+        if self._engaged(record) is not None and not self._moving:
+            yield from self._on_its_way(record)
+
+    @staticmethod
+    def _engaged(record: PlanRecord) -> ResolvedWaypoint | None:
+        """The waypoint that the execution stopped before or at; None: the tool was free there."""
+        if record.reached < 0:
+            return None
+        waypoint = waypoint_of(record, record.plan.segments[record.reached].name)
+        return None if waypoint is None or waypoint.approach == "free" else waypoint
+
+    def _on_its_way(self, record: PlanRecord) -> Iterator[Precondition]:
+        """That the tool is where the plan's execution was interrupted, or further back: the rest of the way nobody has checked."""
+        segment, rows = record.plan.segments[record.reached], self._rows(record)
+        here = self._command()[rows]
+        times = np.linspace(0.0, float(segment.times[-1]), _LOOKED_AT)
+        path = retrace.hermite(segment.times, segment.positions, segment.velocities, times)
+        if record.ended is not None:
+            path = np.vstack([path, np.array(record.ended.command)[rows]])
+        nearest = path[int(np.abs(path - here).max(axis=1).argmin())]
+        what = f"the tool is on the way that it came, {segment.name} of {record.plan.id}"
+        yield at_posture(what, record.plan.joints, nearest, here, _OFF)
 
     @staticmethod
     def _leads_in(trajectory: ResolvedTrajectory, waypoint: ResolvedWaypoint) -> bool:
@@ -113,6 +150,7 @@ class RetreatActivity(Activity):
         return True
 
     def _run(self, motion: Motion, what: str) -> None:
+        self._moving = True
         try:
             self.context.motion.run(motion, (), self.cancelled, what=what)
         except MotionFailed as failed:

@@ -8,7 +8,7 @@ names, along a joint or around it. What is held goes along its joint on a plan.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,10 +20,11 @@ from affordance_templates.placement import Array, of_message, placed, shortest_t
 from affordance_templates.template import ResolvedJoint
 from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
-from engines.activities.execute import execute
+from engines.activities.execute import execute, fresh
 from engines.activities.hand import poses_of, shape_hand
-from engines.activities.waypoints import asked_for, chosen, pushes, way_to
+from engines.activities.waypoints import asked_for, chosen, pushes, there_is, way_to
 from engines.runs.motion import MotionFailed
+from engines.runs.preconditions import Precondition
 from handrail.messages import (
     Compliance,
     CompliantMotion,
@@ -76,6 +77,8 @@ class TrajectoryActivity(Activity):
         "still": Argument(Kind.ARM, required=False, default=""),
     }
     outputs = frozenset({"waypoint", "holds", "moved"})
+    _executed = ""
+    """id of the plan that is under way"""
 
     def run(self) -> dict[str, Any]:
         self._instance = instance = asked_for(self.services, self.values["instance"])
@@ -96,6 +99,21 @@ class TrajectoryActivity(Activity):
     def cancel(self) -> None:
         super().cancel()
         self.context.motion.interrupt()
+
+    def preconditions(self) -> Iterator[Precondition]:
+        """See Activity."""
+        name, plans, begun = self.values["instance"], self.services.plans, hasattr(self, "_instance")
+        yield there_is(self.services, name)
+        if begun:
+            why = self._outdated()
+            yield Precondition(f"{name} is where it was when the hand set out", not why, why)
+        executed = self._executed if begun else str(self.values["plan"] or "")
+        if executed:
+            try:
+                yield from fresh(self.services, self.context.motion, plans.get(executed), ())
+            except RefusedError as refused:
+                yield Precondition("there is the plan of its first way", False, str(refused))
+        yield from super().preconditions()
 
     def _outdated(self) -> str:
         """Why the waypoints are not where they were when it began, in words; empty: they are. Its joints may have moved."""
@@ -161,7 +179,11 @@ class TrajectoryActivity(Activity):
                 self.services, call, run=self.context.run, seeds=self.context.seeds, cancelled=self.cancelled.is_set
             )
             self.context.notes.planned(preview)
-        ended = execute(self.services, self.context.motion, record, (), self.cancelled, still=self._outdated)
+        self._executed = record.plan.id
+        try:
+            ended = execute(self.services, self.context.motion, record, (), self.cancelled, still=self._outdated)
+        finally:
+            self._executed = ""
         if ended["outcome"] != "done":
             raise ActivityFailed("guarded", f"it was ended by {ended['outcome']} in {ended['segment']}")
 

@@ -9,6 +9,7 @@ from affordance_templates.binding import BoundWaypoint, bind
 from affordance_templates.instance import Instance
 from affordance_templates.template import ResolvedTrajectory
 from engines.activities.base import ActivityFailed, Services
+from engines.runs.preconditions import Precondition
 from handrail.messages import Along, PlanMotion
 from handrail.robot.description import RobotDescription
 from handrail.topics import RefusedError
@@ -23,6 +24,12 @@ def asked_for(services: Services, name: str) -> Instance:
         return services.affordances.get(name)
     except RefusedError as refused:
         raise ActivityFailed("refused", str(refused)) from refused
+
+
+def there_is(services: Services, name: str) -> Precondition:
+    """That an instance is there."""
+    names = [each.name for each in services.affordances.instances()]
+    return Precondition(f"{name} is there", name in names, "it was removed", f"one of: {', '.join(names) or 'none'}")
 
 
 def chosen(

@@ -44,8 +44,8 @@ class Doing:
         self._entered: dict[threading.Event, State] = {}
         """visit of a state that was entered in this macrostep → the state"""
         self._lock = threading.Lock()
-        self._running: dict[threading.Event, Activity | None] = {}
-        """visit → its activity, once that was made"""
+        self._running: dict[threading.Event, tuple[State, Activity | None]] = {}
+        """visit → the state, and its activity, once that was made"""
         self._abandoned = False
 
     # ------------------------------------------------------------------------------------------- called by the driving thread
@@ -61,7 +61,7 @@ class Doing:
             with self._lock:
                 if self._abandoned:
                     return
-                self._running[left] = None
+                self._running[left] = (state, None)
             self._threads.run(functools.partial(self._run, state, left))
 
     def left(self, left: threading.Event) -> None:
@@ -80,7 +80,7 @@ class Doing:
     def _cancel(self, visits: list[threading.Event]) -> None:
         self._chart.gate.wake()
         with self._lock:
-            over = [activity for left in visits if (activity := self._running.get(left)) is not None]
+            over = [activity for left in visits if (activity := self._running.get(left, (None, None))[1]) is not None]
         for activity in over:
             if activity.cancelled.is_set():
                 continue
@@ -91,6 +91,11 @@ class Doing:
             except Exception:  # noqa: BLE001
                 # A defect in an activity must not keep the program in the state that it leaves.
                 _log.exception("%s could not be cancelled", type(activity).__name__)
+
+    def present(self) -> list[tuple[State, Activity | None]]:
+        """What active states do: None where they have not begun it yet. Called by any thread."""
+        with self._lock:
+            return [doing for left, doing in self._running.items() if not left.is_set()]
 
     # ------------------------------------------------------------------------------------------ called by activities' threads
 
@@ -124,7 +129,7 @@ class Doing:
             raise ActivityFailed("cancelled", f"{state.id} was left before it began")
         activity = self._chart.make_activity(state)
         with self._lock:
-            self._running[left] = activity
+            self._running[left] = (state, activity)
         if left.is_set():
             activity.cancel()
         return activity.run()

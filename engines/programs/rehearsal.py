@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -113,6 +113,7 @@ class _Motion:
         self.ended: ActionEvent | None = None
         self.guessed = False
         """whether it was asked for something whose end is found out only by doing it"""
+        self.by_hand = False
 
     def run(
         self, motion: MotionMessage, ends: Sequence[EndCondition], cancelled: threading.Event, *, what: str = "motion",
@@ -139,6 +140,10 @@ class _Motion:
 
     def interrupt(self) -> None:
         """Nothing is ever under way."""
+
+    def strayed(self, besides: Collection[str]) -> str:
+        """Nobody moves anything by hand."""
+        return ""
 
 
 class _Operator(Prompts):

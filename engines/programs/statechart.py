@@ -303,9 +303,17 @@ class Chart(Interpreter):
 
     def make_activity(self, state: State) -> Activity:
         """The activity of a state that was just entered, with its arguments' values. Raises ActivityFailed where one has none."""
+        return self._make(state, self.arguments(state))
+
+    def arguments(self, state: State) -> Mapping[str, Any]:
+        """The values of what a state's activity is given, as they stand. Raises ActivityFailed where one has none."""
         from engines.activities import ACTIVITIES
 
-        return self._make(state, self._scopes[state.scope].arguments(state, ACTIVITIES[state.file.do].arguments))
+        return self._scopes[state.scope].arguments(state, ACTIVITIES[state.file.do].arguments)
+
+    def doing(self) -> list[tuple[State, Activity | None]]:
+        """Active states that do something, and their activities; None where one has not begun."""
+        return self._doing.present()
 
     def admit(self, state: State, cancelled: threading.Event) -> bool:
         """Wait until a state may begin what it does; False when it was left instead. Called by the activity's own thread."""

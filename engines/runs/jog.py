@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engines.activities.base import Services
-from engines.runs.job import MotionJob
+from engines.runs.job import Lender, MotionJob
 from engines.runs.motion import MotionFailed
 from handrail.messages import Jog, Jogged, JointTarget
 from handrail.topics import RefusedError, refuse
@@ -26,10 +26,13 @@ _THERE = 1e-3
 class JogExecution(MotionJob):
     """A jog that runs. Nobody has planned it: the daemon's guard is what knows of bodies in the way."""
 
-    def __init__(self, services: Services, call: Jog, answer: Future[Any]):
-        """`answer` is given once the joints are there, or refused with the reason. Raises RefusedError for what can't be meant."""
-        super().__init__(services, "jog")
-        self._speed, self._answer = call.speed, answer
+    def __init__(self, services: Services, call: Jog, answer: Future[Any], lender: Lender | None = None):
+        """`answer` is given once the joints are there, or refused with the reason; `lender`: the paused run that it is beside.
+
+        Raises RefusedError for what can't be meant.
+        """
+        super().__init__(services, "jog", tuple(call.joints), lender)
+        self._call, self._speed, self._answer = call, call.speed, answer
         self.joints = tuple(call.joints)
         here = services.daemon.command()
         if here is None:
@@ -39,6 +42,13 @@ class JogExecution(MotionJob):
         self._target = self._wanted(call, here[services.description.index(self.joints)])
         self._lock, self._over = threading.Lock(), False
         self._thread.start()
+
+    def _from_where_it_stands(self) -> None:
+        """By so much counts from where the joints are once they were let go: what held them may have been slowing down."""
+        here = self._services.daemon.command()
+        with self._lock:
+            if self._call.by and here is not None:
+                self._target = self._wanted(self._call, here[self._services.description.index(self.joints)])
 
     def _wanted(self, call: Jog, here: Sequence[float] | NDArray[np.float64]) -> list[float]:
         description = self._services.description
@@ -77,13 +87,18 @@ class JogExecution(MotionJob):
     def _drive(self) -> None:
         problem: RefusedError | None = None
         try:
+            if self._lender is not None:
+                self._borrow()
+                self._from_where_it_stands()
             self._go()
+        except RefusedError as refused:
+            problem = refused
         except MotionFailed as failed:
             problem = refuse(str(failed))
         except Exception as crash:
             logging.exception("a jog crashed")
             problem = refuse(f"the engine's own error: {type(crash).__name__}: {crash}")
-        self._motion.end()
+        self._give_back()
         with self._lock:
             self._over = True
         if problem is None:

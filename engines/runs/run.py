@@ -13,7 +13,7 @@ import numpy as np
 
 from engines import identifiers
 from engines.activities import ACTIVITIES
-from engines.activities.base import Activity, Context, Services
+from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.learning.facts import RunNotes
 from engines.learning.learner import RunWatch
 from engines.programs.deployment import Deployed, check_breakpoints, check_parameters
@@ -26,6 +26,7 @@ from engines.runs.history import RunHistory
 from engines.runs.job import reach
 from engines.runs.motion import Motion
 from engines.runs.parts import Parts
+from engines.runs.remedies import remedies
 from handrail import workspace
 from handrail.messages import RunState, StateVisit
 from handrail.topics import Unreachable, refuse
@@ -76,9 +77,12 @@ class ProgramRun:
         self._seeds = seeds or {}
         self._services, self._publish = services, publish
         self._deployed, self._start = deployed, start or Start()
-        parts = Parts(services.daemon, services.description.groups)
+        self.parts = parts = Parts(services.daemon, services.description.groups)
+        """of the body that it holds"""
         self._watch, self._notes = watch, RunNotes(self._look_back)
-        self._motion = Motion(services.daemon, parts, hold_after_s=HOLD_S, heard=self._notes.moved)
+        self._motion = Motion(
+            services.daemon, parts, robot=services.description, hold_after_s=HOLD_S, heard=self._notes.moved
+        )
         program = deployed.program
         self._parameters = {**deployed.parameters, **self._start.parameters}
         id = self._start.run or identifiers.new("run")
@@ -115,6 +119,8 @@ class ProgramRun:
             autonomy=autonomy,
         )
         self._stopping = False
+        self._unmet: list[str] = []
+        """pre-conditions that were not met when it was last to go on, and told"""
         self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
 
     @property
@@ -160,10 +166,18 @@ class ProgramRun:
             reach(self._motion.pause)
             self._clock.stand()
             self._gate.close()
+            self._unmet = []
             self._tell(status="paused")
 
+    def lend(self, joints: Sequence[str]) -> None:
+        """Let go of joints, so that they are moved by hand. Refused when it is not paused, or can't let go of what holds them."""
+        self._services.daemon.release_time()  # which a plan that is being made may hold
+        self._motion.lend(joints)
+
     def resume(self) -> None:
-        """Go on. Refused when it is not paused."""
+        """Go on. Refused when it is not paused, and once where a pre-condition of what its states do is not met: it stays paused,
+        and says which, and what can be done. Resumed once more, the program goes its own way for what can't go on.
+        """
         self._go_on(one_step=False)
 
     def step(self) -> None:
@@ -175,10 +189,30 @@ class ProgramRun:
             self._not_stopping()
             if self._state.status != "paused":
                 raise refuse("the program is not paused", "status", self._state.status, "paused")
+            self._check_preconditions()
             reach(self._motion.resume)
             self._clock.go()
             self._gate.open(one_step=one_step)
             self._tell(status="running", detail="")
+
+    def _check_preconditions(self) -> None:
+        """The one place where they are asked. Refused where one is not met that was not told yet."""
+        found = []
+        with workspace.pinned(self._deployed.folder):
+            for state, begun in self._chart.doing():
+                try:
+                    activity = begun or self._made(state, self._chart.arguments(state))
+                except ActivityFailed:
+                    continue  # it says so itself, once it is made
+                found += [(state, str(each)) for each in activity.preconditions() if not each.met]
+        unmet, self._unmet = self._unmet, [f"{state.id}: {words}" for state, words in found]
+        if not self._unmet or self._unmet == unmet:
+            self._unmet = []
+            return
+        why = f"it can't go on: {'; '.join(self._unmet)}. {remedies(self._deployed.program, {state.id for state, _ in found})}"
+        self._services.log("warning", why)
+        self._tell(detail=why)
+        raise refuse(why, "status", "paused", "all that its states need")
 
     def set_breakpoints(self, states: Sequence[str]) -> None:
         """Pause before what these states do. Refused for a state that does nothing."""
@@ -265,6 +299,9 @@ class ProgramRun:
             why = self._chart.words("{failure}", state.scope)
             self._services.log("warning", f"{state.id}: once more ({again} of {state.file.retry}): {why}")
         workspace.pin(self._deployed.folder)  # for this thread, which is the activity's own
+        return self._made(state, values)
+
+    def _made(self, state: State, values: Mapping[str, Any]) -> Activity:
         return ACTIVITIES[state.file.do](replace(self._context, seeds=self._seeds.get(state.id, ())), values)
 
     def _waits(self, why: str) -> None:
@@ -284,6 +321,7 @@ class ProgramRun:
                 self._motion.pause()  # what a parallel state moves
             except Unreachable as silent:
                 self._services.log("warning", f"{why}: {silent}")
+            self._unmet = []
             self._tell(status="paused", detail=why, **now)
         self._services.daemon.release_time()
 

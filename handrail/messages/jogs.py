@@ -14,7 +14,8 @@ class Jog(Message):
     """Send joints somewhere, point to point, without a plan: nobody looks ahead for what is in the way but the daemon's guard.
 
     Answered when they are there, refused with what stopped them. A newer one of the same joints at the same speed takes over on the
-    way, from the motion that there is; the older call is then refused as superseded. StopRun, PauseRun and ResumeRun count for it.
+    way, from the motion that there is; the older call is then refused as superseded. StopRun, PauseRun and ResumeRun count for it,
+    as they do where it goes beside a paused program: that lets go of the joints.
     """
 
     joints: Annotated[dict[Name, float], Meta(min_length=1, max_length=64)]

@@ -29,7 +29,7 @@ class PauseRun(Message):
 
 @travels(priority=1, remote=True)
 class ResumeRun(Message):
-    """Go on."""
+    """Go on. Refused, once, where a pre-condition of what the states do is not met: the run stays paused, and says which."""
 
     engine: str = ""
 

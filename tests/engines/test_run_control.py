@@ -18,6 +18,7 @@ from engines.runs.run import ProgramRun
 from handrail import messages as m
 from handrail.topics import Publisher, RefusedError, Unreachable
 
+ROBOT = SimpleNamespace(joints=("a",), velocity_limit=np.ones(1))
 ELSEWHERE = m.Pose(position=(0.5, -0.3, 0.3))
 
 
@@ -152,6 +153,7 @@ def test_what_was_moved_during_a_pause_is_not_started_afterwards(stack, daemon):
     stack.call(m.AnswerPrompt(id=first.id, answer="approve"))
     stack.wait(lambda e: isinstance(e, m.RunState) and e.waiting == ["stroking"])
     stack.call(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
+    assert "wheel_1 was moved" in stack.refusal(m.ResumeRun()).message
     stack.call(m.ResumeRun())
     assert stack.prompt(2).plan == "plan-2"
     assert not daemon.started()
@@ -159,7 +161,7 @@ def test_what_was_moved_during_a_pause_is_not_started_afterwards(stack, daemon):
 
 def test_a_motion_that_waits_for_the_end_of_a_pause_is_asked_about_again_before_it_starts():
     daemon, reasons, outdated = Mute(), [], []
-    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message), robot=ROBOT)  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
 
     def run():
@@ -180,6 +182,7 @@ def test_a_motion_whose_instance_was_moved_during_a_pause_is_not_resumed(stack, 
     action = begin(stack, daemon, wait_until)
     stack.call(m.PauseRun())
     stack.call(m.MoveInstance(name="wheel_1", pose_in_world=ELSEWHERE))
+    assert "wheel_1 was moved" in stack.refusal(m.ResumeRun()).message
     stack.call(m.ResumeRun())
     assert not any(isinstance(call, m.ResumeAction) for call in daemon.calls)
     assert [call.id for call in daemon.calls if isinstance(call, m.CancelAction)] == [action.id]
@@ -297,6 +300,7 @@ class Mute:
             "forget": lambda watch: None,
             "release_time": lambda: None,
             "alive": lambda: True,
+            "command": lambda: np.zeros(1),
         }[name]
 
     def runs(self, action):
@@ -305,7 +309,7 @@ class Mute:
 
 def test_a_pause_that_did_not_reach_the_daemon_is_none_and_a_cancel_is_said_again(wait_until):
     daemon, cancelled = Mute(), threading.Event()
-    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message), robot=ROBOT)  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
     threading.Thread(target=motion.run, args=(trajectory, (), cancelled), daemon=True).start()
     wait_until(lambda: motion._running)
@@ -362,7 +366,7 @@ def test_a_run_that_crashes_takes_its_motion_and_its_questions_with_it(stack, da
 
 def test_what_a_state_waits_to_move_is_cancelled_without_what_another_moves(wait_until):
     daemon, reasons = Mute(), []
-    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message), robot=ROBOT)  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
     moving, waiting = threading.Event(), threading.Event()
 
@@ -388,7 +392,7 @@ def test_what_a_state_waits_to_move_is_cancelled_without_what_another_moves(wait
 def test_a_motion_of_which_the_daemon_does_not_tell_whether_it_began_is_cancelled():
     daemon = Mute()
     daemon.answers = False
-    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message))  # type: ignore[arg-type]
+    motion = Motion(daemon, SimpleNamespace(hold=lambda message: message), robot=ROBOT)  # type: ignore[arg-type]
     trajectory = m.JointTrajectory(joints=["a"], times=[0, 1], positions=[[0], [1]], velocities=[[0], [0]])
     with pytest.raises(MotionFailed, match="no answer") as failed:
         motion.run(trajectory, (), threading.Event())

@@ -90,7 +90,7 @@ class Situation:
             return why
         if self.prompts.current is not None and self.prompts.current.plan == plan.id:
             return "is_asked"
-        if self.task.status in ("running", "paused"):
+        if self.task.status == "running":
             return "program_runs"
         return self._why_not_move()
 
@@ -100,7 +100,7 @@ class Situation:
 
     def why_not_jog(self) -> str:
         """The same for moving the robot by hand."""
-        return "program_runs" if self.task.status in ("running", "paused") else self.why_not_hand()
+        return "program_runs" if self.task.status == "running" else self.why_not_hand()
 
     def _why_not_move(self) -> str:
         status = self.robot.status

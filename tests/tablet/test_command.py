@@ -31,8 +31,10 @@ def test_a_plan_that_can_not_be_executed_says_why(situation, robot):
     situation.take(robot.status(enabled=False, stopped=True))
     assert situation.why_not_execute() == "stopped"
     situation.take(robot.status())
+    situation.take(robot.running())
+    assert (situation.why_not_execute(), situation.why_not_jog()) == ("program_runs", "program_runs")
     situation.take(robot.running(status="paused"))
-    assert situation.why_not_execute() == "program_runs"
+    assert (situation.why_not_execute(), situation.why_not_jog()) == ("", ""), "in a pause the robot is moved by hand"
     situation.take(robot.prompt())
     assert situation.why_not_execute() == "is_asked"
     situation.take(robot.plan(fresh=False, stale_causes=["instance_moved"]))

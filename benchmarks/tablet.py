@@ -1,7 +1,7 @@
 """What the operator's window costs, beside VTK in the same scene and run: ``handrail bench tablet``.
 
 Software GL at 1280x800: TALOS' upper body, its ghost, a cloud of 50,000 points, three templates; both draw the same triangles
-(the window thins meshes and clouds out; VTK gets them as thin). Each has a screen of its own. Frames are counted in turns.
+(the window thins meshes out; VTK gets them as thin) and all points. Each has a screen of its own. Frames are counted in turns.
 """
 
 from __future__ import annotations
@@ -81,7 +81,6 @@ def scene(path: Path) -> None:
     from tablet_client.app import mesh_cache
     from tablet_client.scene import robot as drawn
     from tablet_client.scene import solids
-    from tablet_client.scene.stage import MOST_POINTS, POINT
 
     description = robots.load(ROBOT)
     robot = drawn.load(description, mesh_cache())
@@ -98,7 +97,7 @@ def scene(path: Path) -> None:
         pose[:3, 3] = each.pose_in_world.position
         meshes.append(solids.shapes(placed.resolve().shapes).transformed(pose))
     seen = cloud.unpack(picture(0))
-    meshes.append(solids.cloud(seen.positions, seen.colours, POINT, MOST_POINTS))
+    arrays |= {"points": seen.positions, "points_colors": seen.colours}
     for number, mesh in enumerate(meshes):
         arrays |= {f"vertices_{number}": mesh.vertices, f"colors_{number}": mesh.colors, f"faces_{number}": mesh.faces}
     np.savez(path, count=len(meshes), ghost=np.arange(bodies, 2 * bodies), **arrays)

@@ -3,7 +3,8 @@
     python tablet_peer.py SCENE.npz
 
 SCENE.npz has the meshes `vertices_I`, `colors_I`, `faces_I` and, for those that move, `poses_I` (k, 4, 4); `ghost` lists the
-see-through ones. Speaks JSON lines: {"seconds": 3} → frames a second while the camera goes round and all bodies move.
+see-through ones; `points` (n, 3) with `points_colors` uint8 (n, 3) are the cloud.
+Speaks JSON lines: {"seconds": 3} → frames a second while the camera goes round and all bodies move.
 """
 
 import json
@@ -32,9 +33,12 @@ def main() -> None:
         if number in ghost:
             actor = window.add_mesh(mesh, color="#5ab8ff", opacity=0.42, smooth_shading=True)
         else:
-            actor = window.add_mesh(mesh, scalars="colors", rgb=True, smooth_shading=f"poses_{number}" in scene)
+            actor = window.add_mesh(mesh, scalars="colors", rgb=True, smooth_shading=True)
         if f"poses_{number}" in scene:
             moving.append((actor, scene[f"poses_{number}"]))
+    cloud = pyvista.PolyData(scene["points"])
+    cloud["colors"] = scene["points_colors"]
+    window.add_mesh(cloud, scalars="colors", rgb=True, style="points", point_size=3, lighting=False)
     window.camera_position = [(1.8, -1.6, 0.8), (0.24, -0.12, 0.1), (0, 0, 1)]
     window.show(auto_close=False, interactive=False)
     matrix = vtk.vtkMatrix4x4()

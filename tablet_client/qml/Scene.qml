@@ -18,6 +18,8 @@ View3D {
     onSmoothingChanged: update() // a scene that stands still would keep its old edges
     objectName: "scene"
     camera: rig.camera
+    // Straight into the window, where nothing is to be smoothed: a picture of its own costs a quarter of a frame in software.
+    renderMode: smoothing === 0 ? View3D.Inline : View3D.Offscreen
     environment: SceneEnvironment {
         backgroundMode: SceneEnvironment.Transparent
         clearColor: "transparent"
@@ -27,8 +29,6 @@ View3D {
     }
 
     CameraRig { id: rig }
-    DirectionalLight { eulerRotation: Qt.vector3d(-46, 20, 0); brightness: 0.72; ambientColor: Qt.rgba(0.13, 0.14, 0.16, 1) }
-    DirectionalLight { eulerRotation: Qt.vector3d(-14, -105, 0); brightness: 0.32; color: "#c9deff" }
 
     Node {
         id: world
@@ -37,11 +37,7 @@ View3D {
         Model {
             geometry: stage.grid
             position: Qt.vector3d(0, 0, stage.floor)
-            materials: PrincipledMaterial {
-                lighting: PrincipledMaterial.NoLighting
-                vertexColorsEnabled: true
-                alphaMode: PrincipledMaterial.Blend
-            }
+            materials: SeeThrough { lit: 0 }
         }
         Repeater3D {
             model: stage.bodies
@@ -79,14 +75,12 @@ View3D {
                 objectName: "waypoint_" + name
                 position: place
                 rotation: turn
-                castsShadows: false
-                materials: cloudMaterial
+                    materials: cloudMaterial
             }
         }
         Model {
             objectName: "way"
             geometry: stage.way
-            castsShadows: false
             materials: cloudMaterial
         }
         // The handle is as large on the screen wherever it stands: models/handle.py has the same share.
@@ -104,9 +98,7 @@ View3D {
                     required property string name
                     required geometry
                     objectName: "handle_" + name
-                    castsShadows: false
-                    receivesShadows: false
-                    depthBias: -1000
+                                depthBias: -1000
                     materials: desk.bench.hot === name ? hotMaterial : handleMaterial
                 }
             }
@@ -123,8 +115,7 @@ View3D {
                 position: place
                 rotation: turn
                 visible: shown
-                castsShadows: false
-                materials: stage.ghostStale ? staleMaterial : freshMaterial
+                    materials: stage.ghostStale ? staleMaterial : freshMaterial
             }
         }
         Repeater3D {
@@ -134,44 +125,32 @@ View3D {
                 required geometry
                 objectName: "cloud_" + name
                 visible: stage.cloudOn
-                castsShadows: false
-                receivesShadows: false
-                materials: cloudMaterial
+                    materials: cloudMaterial
             }
         }
         Model {
             objectName: "trail"
             visible: stage.ghostShown
             geometry: stage.trail
-            castsShadows: false
-            materials: PrincipledMaterial { lighting: PrincipledMaterial.NoLighting; vertexColorsEnabled: true }
+            materials: cloudMaterial
         }
     }
 
-    PrincipledMaterial { id: robotMaterial; vertexColorsEnabled: true; roughness: 0.55; metalness: 0.0; specularAmount: 0.35 }
-    PrincipledMaterial { id: templateMaterial; vertexColorsEnabled: true; roughness: 0.5; metalness: 0.0; specularAmount: 0.4 }
-    PrincipledMaterial {
-        id: cloudMaterial
-        lighting: PrincipledMaterial.NoLighting
-        vertexColorsEnabled: true
-        cullMode: PrincipledMaterial.NoCulling
+    Paint { id: robotMaterial }
+    Paint { id: templateMaterial }
+    Paint { id: cloudMaterial; lit: 0; cullMode: Material.NoCulling
+            point: 0.005 * view.height / (2 * Math.tan(rig.camera.fieldOfView * Math.PI / 360)) } // 5 mm
+    component SeeThrough: Paint {
+        sourceBlend: CustomMaterial.SrcAlpha
+        destinationBlend: CustomMaterial.OneMinusSrcAlpha
     }
-    PrincipledMaterial { // transparent in name only: so it is drawn after everything else
-        id: handleMaterial
-        lighting: PrincipledMaterial.NoLighting
-        vertexColorsEnabled: true
-        alphaMode: PrincipledMaterial.Blend
-        depthDrawMode: Material.NeverDepthDraw
+    SeeThrough { id: handleMaterial; lit: 0; depthDrawMode: Material.NeverDepthDraw } // so it is drawn after everything else
+    Paint { id: hotMaterial; lit: 0; glow: 1 }
+    component Ghostly: SeeThrough {
+        property color shade
+        tint: Qt.rgba(shade.r, shade.g, shade.b, 0.42)
+        glow: 0.12
     }
-    PrincipledMaterial { id: hotMaterial; lighting: PrincipledMaterial.NoLighting; baseColor: "white" }
-    component Ghostly: PrincipledMaterial {
-        property color tint
-        baseColor: Qt.rgba(tint.r, tint.g, tint.b, 0.42)
-        emissiveFactor: Qt.vector3d(tint.r * 0.12, tint.g * 0.12, tint.b * 0.12)
-        alphaMode: PrincipledMaterial.Blend
-        roughness: 0.8
-        specularAmount: 0.2
-    }
-    Ghostly { id: freshMaterial; tint: Theme.accent }
-    Ghostly { id: staleMaterial; tint: Theme.danger }
+    Ghostly { id: freshMaterial; shade: Theme.accent }
+    Ghostly { id: staleMaterial; shade: Theme.danger }
 }

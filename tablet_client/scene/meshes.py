@@ -15,8 +15,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-# A mesh keeps this share of its triangles, and at least so many: TALOS then has 120,000 instead of 190,000 and looks the same.
-_SHARE, _LEAST = 0.4, 2500
+# A mesh keeps this share of its triangles, and at least so many: TALOS then has 48,000 instead of 190,000 and looks the same.
+_SHARE, _LEAST = 0.2, 1200
 _CREASE = np.radians(32.0)  # edges sharper than this stay edges
 _RECIPE = "1"  # in the cache's key: change it when this file makes other meshes from the same input
 

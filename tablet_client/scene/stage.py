@@ -25,7 +25,7 @@ from tablet_client.models.situation import Situation
 from tablet_client.scene import marks, solids
 from tablet_client.scene import robot as drawn
 from tablet_client.scene.bodies import Bodies, placed
-from tablet_client.scene.geometry import CloudGeometry, LineGeometry, MeshGeometry
+from tablet_client.scene.geometry import Cloud, LineGeometry, MeshGeometry
 from tablet_client.scene.meshes import EMPTY, Mesh
 
 _GRID = (0.42, 0.5, 0.58, 0.55)
@@ -38,8 +38,6 @@ _TURNED = 0.02  # rad
 # A robot that holds still trembles by its sensors' noise: less than this (a tenth of a millimetre at the hand) is not drawn anew.
 _STILL = 1.5e-4  # rad
 _BASE_STILL = 2e-4  # m, and of its axes
-POINT = 0.005  # m, as cameras thin their clouds out
-MOST_POINTS = 15_000
 DIFFERS = "differs"
 _LIST: Any = "QVariantList"  # PySide takes the names of Qt's types; its stubs do not
 
@@ -307,14 +305,13 @@ class Stage(QObject):
         if not self._cloud_on or seen == self._drawn_clouds:
             return False
         if list(seen) != self._clouds.names():
-            self._clouds.replace([(camera, CloudGeometry()) for camera in seen])
+            self._clouds.replace([(camera, Cloud()) for camera in seen])
             self._drawn_clouds = {}
         for row, (camera, picture) in enumerate(seen.items()):
             if self._drawn_clouds.get(camera) is not picture:
                 geometry = self._clouds.geometry(row)
-                assert isinstance(geometry, CloudGeometry)
-                points = picture.points
-                geometry.show(solids.cloud(points.positions, points.colours, POINT, MOST_POINTS))
+                assert isinstance(geometry, Cloud)
+                geometry.show(picture.points.positions, picture.points.colours)
         self._drawn_clouds = dict(seen)
         return True
 

@@ -30,6 +30,8 @@ class Shown:
         )
         self.window, self.desk = self.opened.window, self.opened.desk
         self.session = Session(robot.connect, self.desk.inbox, heartbeat=0.05, retry=0.05)
+        self.frames = 0
+        self.window.frameSwapped.connect(self._swapped)
         self.desk.serve(self.session)
         self.session.start()
         self.until(self.window.isExposed)
@@ -93,10 +95,21 @@ class Shown:
     def press(self, name: str) -> None:
         from PySide6.QtCore import Qt
 
-        self.until(lambda: self.item(name).isEnabled())
+        self.until(lambda: self.item(name).isEnabled() and self.item(name).isVisible())
         self.reveal(self.item(name))
-        self.turn(0.02)  # let the layout settle
+        self._settle(name)
         self.test.mouseClick(self.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, self.middle(name))
+
+    def _swapped(self) -> None:
+        self.frames += 1
+
+    def _settle(self, name: str) -> None:
+        """Waits until an item stands still: layouts are made frame by frame, and a frame may be long in coming."""
+        before = None
+        while before != (before := self.middle(name)):
+            count = self.frames
+            self.window.update()
+            self.until(lambda count=count: self.frames > count)
 
     def reveal(self, item: Any) -> None:
         """Scrolls what it lies in, if anything, until it is in sight."""

@@ -1,0 +1,6 @@
+VARYING vec4 paint;
+
+void MAIN()
+{
+    FRAGCOLOR = paint;
+}

@@ -211,7 +211,13 @@ class Server:
             return int(row["answer"]), int(row["answer_joint"]), float(row["answer_value"])
         return None
 
+    def _log(self, level: Literal["info", "warning", "error"], text: str) -> None:
+        """A line for people, here and at their windows."""
+        print(text, file=sys.stderr, flush=True)
+        self._publisher.send(m.LogLine(source="daemon", level=level, text=text))
+
     def _lose_loop(self, why: str) -> None:
+        self._publisher.send(m.LogLine(source="daemon", level="error", text=why))
         for event in self._reporter.lose_loop(why):
             self._publisher.send(event)
 
@@ -237,7 +243,7 @@ class Server:
             name = self._owners.name(owner)
             lost = self._leases.lose(name)
             what = ", ".join(["its action is ended", *(f"its lease on {lease.part} is lost" for lease in lost)])
-            print(f"{name} did not check in: {what}", file=sys.stderr, flush=True)
+            self._log("warning", f"{name} did not check in: {what}")
             self._post_unasked(Kind.LOSE_OWNER, owner=owner)
 
     def _status(self) -> m.DaemonStatus:
@@ -525,7 +531,7 @@ class Server:
         try:
             self._mailbox.post(exchange.encode_command(kind, self._count(), owner=owner, action=action, value=value))
         except MailboxFull as error:
-            print(f"{kind.name.lower()} was not delivered: {error}", file=sys.stderr, flush=True)
+            self._log("error", f"{kind.name.lower()} was not delivered: {error}")
         self._loop_bell.ring()
 
     def _set_speed(self, call: m.SetSpeed) -> None:

@@ -263,9 +263,12 @@ class Engine:
         self._outbox.put(event)
         self._wake.set()
 
-    def _log(self, level: Any, text: str) -> None:
-        logging.log({"info": logging.INFO, "warning": logging.WARNING}.get(level, logging.ERROR), text)
-        self._tell(m.LogLine(source="engine", level=level, text=text))
+    def _log(self, level: Any, text: str, node: str = "") -> None:
+        """A line for people, of the engine itself or of one of its nodes."""
+        shown = f"node {node}: {text}" if node else text
+        logging.log({"info": logging.INFO, "warning": logging.WARNING}.get(level, logging.ERROR), shown)
+        source = f"{self._name}/{node}" if node else self._name
+        self._tell(m.LogLine(source=source, level=level, text=text))
 
     def _info(self) -> m.EngineInfo:
         run = self._run.state if self._run is not None else None

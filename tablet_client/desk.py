@@ -16,10 +16,11 @@ from PySide6.QtCore import Property, QObject, Qt, QTimer, Signal, Slot
 from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, Jog, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
 from tablet_client.camera_desk import CameraDesk
-from tablet_client.journal_list import JournalList
+from tablet_client.growing_list import GrowingList
 from tablet_client.library_desk import LibraryDesk
 from tablet_client.models.arrivals import Inbox
 from tablet_client.models.command import commanders, if_lost
+from tablet_client.models.journal import KEPT
 from tablet_client.models.plan_figures import CLEARANCE, Figure, figures, level_of
 from tablet_client.models.prompts import lets_go
 from tablet_client.models.quantities import in_unit, label, quantity
@@ -31,6 +32,7 @@ from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
 from tablet_client.signals_desk import SignalsDesk
+from tablet_client.workshop import Workshop
 
 FRAME = 33  # ms between two looks at what has arrived, while things arrive
 FRAME_IN_SOFTWARE = 66  # the same where the processor draws: it may be the robot's own
@@ -60,7 +62,7 @@ class Desk(QObject):
         self.situation, self._stage, self._operator = situation, stage, operator
         self.inbox = Inbox(self._arrived.emit)
         self._session: Session | None = None
-        self._journal = JournalList(situation)
+        self._journal = GrowingList(("clock", "level", "code", "details"))
         self._hands = Rows(("name", "position", "low", "high", "poses", "holding", "state"), "name")
         self._run = RunDesk(situation, self._send)
         self._bench = BenchDesk(situation, stage, self._tell, self._soon)
@@ -69,6 +71,7 @@ class Desk(QObject):
         self._camera = CameraDesk(situation)
         self._signals = SignalsDesk(situation)
         self._move = MoveDesk(situation, self._send, self._go, self._soon)
+        self._workshop = Workshop(situation, self._send, self._soon)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
@@ -87,6 +90,7 @@ class Desk(QObject):
     def serve(self, session: Session) -> None:
         """Send the operator's calls through this session."""
         self._session = session
+        self._workshop.serve(session)
 
     def close(self) -> None:
         """Look no more. Python may take the desk down on any thread, and Qt's timers must not run then."""
@@ -113,6 +117,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def move(self) -> MoveDesk:
         return self._move
+
+    @Property(QObject, constant=True)
+    def workshop(self) -> Workshop:
+        return self._workshop
 
     @Property(QObject, constant=True)
     def camera(self) -> CameraDesk:
@@ -147,7 +155,7 @@ class Desk(QObject):
         return self._hands
 
     @Property(QObject, constant=True)
-    def journal(self) -> JournalList:
+    def journal(self) -> GrowingList:
         return self._journal
 
     # -------------------------------------------------------------------------------------------------------- buttons
@@ -240,14 +248,14 @@ class Desk(QObject):
             for call in self.situation.task.tree.want(now):
                 self._session.send(call)
             busy = self._bench.send(now)
-            for call in self._library.want():
+            for call in (*self._library.want(), *self._workshop.want(now)):
                 self._session.send(call)
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))
         self._last_look = now
         self._frame_out, self._frame_since = self._stage.show(self.situation), now
         self._build()
-        self._journal.refresh()
+        self._journal.grow(self.situation.journal.entries, KEPT)
         if busy or (plans.shown is not None and plans.playing and self._stage.loaded):
             self._look.start()
 
@@ -256,6 +264,7 @@ class Desk(QObject):
         self._run.build()
         self._bench.build()
         self._library.build()
+        self._workshop.build()
         self._camera.build()
         self._signals.build()
         self._move.build()

@@ -17,10 +17,10 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol, TypeVar
 
-from handrail.client import Live
+from handrail.client import Live, Selection
 from handrail.messages import (
     ActionEvent,
     CheckTask,
@@ -36,7 +36,6 @@ from handrail.messages import (
     Instances,
     InstanceState,
     Jog,
-    LogLine,
     MakePlan,
     Message,
     PlanMotion,
@@ -65,7 +64,6 @@ EVENTS = (
     RunState,
     Prompt,
     PromptClosed,
-    LogLine,
     PointCloud,
     Reach,
     DeviceStates,
@@ -81,11 +79,18 @@ _TIMEOUT = 3.0  # s, of the keeper's calls
 _MISSES = 2  # unanswered heartbeats before the engine counts as gone: it may be busy planning
 
 
+class Stream(Iterable[Any], Protocol):
+    """Events, until it is closed."""
+
+    def close(self) -> None: ...
+
+
 class Client(Protocol):
     """What the session needs of `handrail.client.Client`: safe to use from several threads, reconnects by itself."""
 
     def call(self, message: Message, timeout_s: float | None = None) -> Any: ...
     def events(self, *kinds: type, timeout_s: float = 5.0) -> Iterable[Any]: ...
+    def subscribe(self, *chosen: Selection | type, timeout_s: float = 5.0) -> Stream: ...
     def close(self) -> None: ...
 
 
@@ -106,6 +111,7 @@ class Session:
         self._calls: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         self._plans: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         self._places: queue.SimpleQueue[Jog | None] = queue.SimpleQueue()
+        self._heard: Stream | None = None
         self._threads = [
             threading.Thread(target=target, name=f"tablet-{name}", daemon=True)
             for name, target in (
@@ -141,6 +147,21 @@ class Session:
     def go(self, place: Jog) -> None:
         """Send the robot somewhere by hand, in place of what was asked for before; a refusal arrives in the inbox."""
         self._places.put(place)
+
+    def hear(self, chosen: Sequence[Selection]) -> None:
+        """Events that are chosen and not simply wanted, in place of those chosen before. Returns at once."""
+        before = self._heard
+        try:
+            self._heard = stream = self._client.subscribe(*chosen, timeout_s=0)
+        except ConnectionError:
+            return  # the client was closed
+        threading.Thread(target=self._pass_on, args=(stream,), name="tablet-chosen", daemon=True).start()
+        if before is not None:
+            before.close()
+
+    def _pass_on(self, stream: Stream) -> None:
+        for event in stream:
+            self._inbox.put(event)
 
     def stop(self, reason: str) -> None:
         """Send STOP now, and again until it is answered. Returns at once, and never waits for another call."""

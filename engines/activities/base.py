@@ -166,7 +166,8 @@ class Services:
     planner: Planner
     tip_pose: Callable[[np.ndarray, str], tuple[np.ndarray, np.ndarray]]
     """joint positions (n,) rad, arm → position (3,) m and quaternion (4,) of its tool's tip in the world"""
-    log: Callable[[str, str], None]
+    log: Callable[..., None]
+    """(level, text, the node that it is of; none: the engine itself)"""
     """level, text: a line for people"""
     clouds: Callable[[], Sequence[PointCloud]] = tuple
     """the newest of each camera"""

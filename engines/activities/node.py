@@ -53,7 +53,7 @@ class NodeActivity(Activity):
                 found = self._of_state(name, wanted)
         except NodeFailed as failed:
             if failed.traceback:
-                self.services.log("error", failed.traceback)
+                self.services.log("error", failed.traceback, name)
             reason = "cancelled" if self.cancelled.is_set() else "node_failed"
             raise ActivityFailed(reason, failed.why) from failed
         except ValueError as problem:

@@ -56,9 +56,9 @@ class NodeKeeper:
     def __init__(
         self,
         tell: Callable[[msgspec.Struct], None] = lambda event: None,
-        log: Callable[[str, str], None] = lambda level, text: None,
+        log: Callable[[str, str, str], None] = lambda level, text, node: None,
     ):
-        """`tell`: publishes an event; `log(level, text)`: a line for people."""
+        """`tell`: publishes an event; `log(level, text, node)`: a line for people, and the node that it is of."""
         self._tell, self._log = tell, log
         self._lock = threading.Lock()
         self._kept: dict[str, _Kept] = {}
@@ -173,7 +173,7 @@ class NodeKeeper:
 
     def _lasting(self, kept: _Kept, params: Mapping[str, Any]) -> NodeProcess:
         def ended(failure: NodeFailed) -> None:
-            self._log("error", failure.traceback or failure.why)
+            self._log("error", failure.traceback or failure.why, kept.name)
 
         try:
             process = self._start(kept, params, lambda outputs: None, ended, closing=kept.closing)
@@ -201,7 +201,7 @@ class NodeKeeper:
 
         def line(level: str, text: str) -> None:
             kept.last = text
-            self._log(level, f"node {kept.name}: {text}")
+            self._log(level, text, kept.name)
 
         def up() -> None:
             kept.failure = None

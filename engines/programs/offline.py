@@ -86,7 +86,7 @@ class OfflineTask:
             prompts=cast(Any, None),
             planner=Planners(self.description),
             tip_pose=tip_poses(self.description),
-            log=lambda level, text: None,
+            log=lambda *said: None,
         )
 
     def check(self, program: Program, bindings: Mapping[str, str], parameters: Mapping[str, Any]) -> TaskCheck:

@@ -184,7 +184,7 @@ class Rehearsal:
         plans = PlanStore(stage.instances, stage.world, lambda preview: None)
         services = replace(
             self.services, daemon=cast(DaemonClient, stage), affordances=cast(AffordanceServer, stage), plans=plans,
-            prompts=_Operator(), log=lambda level, text: None,
+            prompts=_Operator(), log=lambda *said: None,
         )  # fmt: skip
         motion = cast(Motion, _Motion(stage, self.services.description))
         context = Context(services, f"rehearsal-{uuid.uuid4().hex[:8]}", motion, 0.0)

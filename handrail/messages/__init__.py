@@ -602,7 +602,7 @@ DaemonCall = (
     | SwitchRelay
     | TareSensor
 )
-DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates | ControllerEvent
+DaemonEvent = RobotState | DaemonStatus | ActionEvent | DeviceStates | ControllerEvent | LogLine
 SensorEvent = PointCloud
 """what a camera's process publishes (topic `sensors.events`)"""
 EngineCall = (

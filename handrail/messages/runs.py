@@ -173,6 +173,7 @@ class LogLine(Message):
     """One line for people."""
 
     source: str
+    """the engine's name, ``ENGINE/NODE`` of a process node that it runs, or ``daemon``"""
     level: Literal["info", "warning", "error"]
     text: str
     time_ns: int = 0

@@ -7,7 +7,7 @@ from typing import Literal
 
 Level = Literal["info", "good", "warning", "error"]
 
-_KEPT = 500
+KEPT = 500
 
 
 @dataclass(frozen=True)
@@ -33,5 +33,5 @@ class Journal:
         self._number += 1
         entry = Entry(self._number, clock, level, code, details)
         self.entries.append(entry)
-        del self.entries[:-_KEPT]
+        del self.entries[:-KEPT]
         return entry

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from handrail import messages
+from handrail.engines import FIRST
 from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
@@ -17,6 +18,7 @@ from tablet_client.models.journal import Journal, Level
 from tablet_client.models.launch import Launch
 from tablet_client.models.link import Link
 from tablet_client.models.move import Move
+from tablet_client.models.output import Output
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
 from tablet_client.models.robot import Robot
@@ -48,6 +50,7 @@ class Situation:
         self.hands = Hands()
         self.move = Move()
         self.journal = Journal()
+        self.output = Output()
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
 
@@ -175,6 +178,9 @@ class Situation:
             self.bench.take(item.answer)
         elif isinstance(item.answer, messages.Library) and not item.call.engine:  # type: ignore[attr-defined]
             self.library = item.answer.entries
+        elif isinstance(item.answer, messages.Nodes):
+            for node in item.answer.nodes:
+                self.output.hear_of(f"{FIRST}/{node.name}")
         self.launch.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.bench.edits.answered(item.call)
@@ -286,6 +292,9 @@ class Situation:
         self.note("info", "code_changed", changed.engine, changed.release.program, changed.release.by)
 
     def _log(self, line: messages.LogLine) -> None:
+        self.output.take(line)
+        if line.level == "info" and line.source != FIRST:
+            return  # what nodes print has a page of its own
         self.note(line.level, "log", line.text, line.source)
 
     def _attend(self) -> None:

@@ -13,6 +13,7 @@ QtObject {
         { group: qsTr("Teleoperate"), name: "move", title: qsTr("Move"), file: "MovePanel.qml" },
         { group: qsTr("See"), name: "signals", title: qsTr("Signals"), file: "SignalsPanel.qml" },
         { group: qsTr("See"), name: "journal", title: qsTr("History"), file: "JournalPanel.qml" },
+        { group: qsTr("See"), name: "output", title: qsTr("Output"), file: "OutputPanel.qml", wide: true },
     ]
     readonly property var marks: ({ task: desk.run.view.status === "failed" ? Theme.danger : "" }) // a page that should be looked at
     property string current: "task"

@@ -559,6 +559,8 @@ def test_an_owner_that_falls_silent_loses_its_action_and_one_that_checks_in_does
         rig.call(m.CheckIn(owner="test"))
     assert not [command for command in loop.commands if command.kind is Kind.LOSE_OWNER]
     assert loop.live_until(Kind.LOSE_OWNER).owner == loop.wait_for(Kind.START).owner
+    told = rig.until(m.LogLine, lambda line: line.source == "daemon")
+    assert (told.level, told.text) == ("warning", "test did not check in: its action is ended")
 
 
 def test_a_part_that_somebody_has_taken_is_commanded_by_him_alone_until_another_takes_it_over(rig: Rig) -> None:

@@ -71,7 +71,8 @@ def test_a_node_that_raises_is_the_programs_to_answer_and_its_traceback_is_told(
     stack.run("scale", begin=-5.0)
     end = stack.ended()
     assert end.status == "failed" and "node scale: ArithmeticError: less than nothing" in end.detail
-    assert stack.wait(lambda e: isinstance(e, m.LogLine) and "in step" in e.text).level == "error"
+    told = stack.wait(lambda e: isinstance(e, m.LogLine) and "in step" in e.text)
+    assert (told.level, told.source) == ("error", "engine/scale")
 
 
 def test_a_run_that_is_stopped_ends_a_node_in_an_endless_step(stack, library):

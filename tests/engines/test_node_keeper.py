@@ -75,7 +75,9 @@ class Told:
     def __init__(self) -> None:
         self.events: list[Any] = []
         self.lines: list[tuple[str, str]] = []
-        self.keeper = NodeKeeper(self.events.append, lambda level, text: self.lines.append((level, text)))
+        self.keeper = NodeKeeper(
+            self.events.append, lambda level, text, node: self.lines.append((level, f"{node}: {text}"))
+        )
 
     def of(self, port: str) -> list[Any]:
         return [event.value for event in self.events if event.port == port]

@@ -19,7 +19,7 @@ import pytest
 
 from affordance_templates import catalogue
 from handrail import cloud
-from handrail.client import Live
+from handrail.client import Live, Selection
 from handrail.messages import (
     AnswerPrompt,
     ClearStop,
@@ -35,6 +35,7 @@ from handrail.messages import (
     GetEngine,
     GetEngines,
     GetInstances,
+    GetNodes,
     GetOutline,
     GetPlan,
     GetProgram,
@@ -52,6 +53,7 @@ from handrail.messages import (
     ListLibrary,
     LoopStatistics,
     MoveInstance,
+    Nodes,
     Outline,
     OutlineState,
     PlanPreview,
@@ -108,19 +110,22 @@ class FakeRobot:
         self.answers_plan: PlanPreview | None = None
         self.run: RunState | None = None
         self.prompts: list[Prompt] = []
+        self.nodes = Nodes(nodes=[])
         self.visits: list[StateVisit] = []
         self.releases = [
             Release(number=1, program="press", bundle="1" * 32, by="anna", at_ns=0),
             Release(number=2, program="press", bundle="2" * 32, by="ben", at_ns=1, changed=["press.yaml"]),
         ]
         self._streams: list[queue.SimpleQueue[Any]] = []
+        self.chosen: list[ChosenStream] = []
+        """what the windows have subscribed to"""
         self.time_ns = 12_000_000_000
 
     # What a test makes it do -------------------------------------------------------------------------------------------
 
     def publish(self, *events: Any) -> None:
         for event in events:
-            for stream in self._streams:
+            for stream in (*self._streams, *self.chosen):
                 stream.put(event)
 
     def state(self, **moved: float) -> RobotState:
@@ -365,12 +370,35 @@ class FakeRobot:
             RollBack: lambda: self.back(call),
             GetReach: lambda: self.reach(call),
             GetOutline: self.outline,
+            GetNodes: lambda: self.nodes,
             GetRunHistory: lambda: RunHistory(run=self.run.run if self.run else "", visits=self.visits),
         }
         return answers[type(call)]() if type(call) in answers else None
 
     def calls_of(self, kind: type) -> list[Any]:
         return [call for call in self.calls if isinstance(call, kind)]
+
+
+class ChosenStream:
+    """Events that were chosen, until it is closed."""
+
+    def __init__(self, robot: FakeRobot, chosen: tuple[Selection, ...]):
+        self.chosen, self._robot = chosen, robot
+        self._waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        robot.chosen.append(self)
+
+    def put(self, event: Any) -> None:
+        if event is None or any(type(event) is each.kind and each.wants(event) for each in self.chosen):
+            self._waiting.put(event)
+
+    def __iter__(self) -> Iterator[Any]:
+        while (event := self._waiting.get()) is not None:
+            yield event
+
+    def close(self) -> None:
+        if self in self._robot.chosen:
+            self._robot.chosen.remove(self)
+        self._waiting.put(None)
 
 
 class FakeClient:
@@ -398,8 +426,13 @@ class FakeClient:
             if isinstance(event, kinds):
                 yield event
 
+    def subscribe(self, *chosen: Selection, timeout_s: float = 5.0) -> ChosenStream:
+        return ChosenStream(self._robot, chosen)
+
     def close(self) -> None:
         self._stream.put(None)
+        for stream in list(self._robot.chosen):
+            stream.close()
         self._robot.released.set()
 
 

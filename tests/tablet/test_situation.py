@@ -250,6 +250,16 @@ def test_the_journal_keeps_the_newest_lines(situation):
     assert situation.journal.entries[-1].details[0] == "1999"
 
 
+def test_what_nodes_print_is_no_history_but_their_errors_are(situation):
+    before = len(situation.journal.entries)
+    situation.take(LogLine(source="engine/low_pass", level="info", text="3.2 N"))
+    situation.take(LogLine(source="engine/low_pass", level="error", text="ArithmeticError: no force"))
+    assert [entry.details for entry in situation.journal.entries[before:]] == [
+        ("ArithmeticError: no force", "engine/low_pass")
+    ]
+    assert [line.text for line in situation.output.kept] == ["3.2 N", "ArithmeticError: no force"]
+
+
 def test_what_is_not_for_the_tablet_is_ignored(situation):
     situation.take(object())
 

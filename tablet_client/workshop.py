@@ -1,0 +1,44 @@
+"""The desks of what is made and looked into at the robot: its output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from PySide6.QtCore import Property, QObject
+
+from handrail.messages import GetNodes, Message
+from tablet_client.models.situation import Situation
+from tablet_client.output_desk import OutputDesk
+from tablet_client.session import Session
+
+_NODES_S = 3.0
+"""between two questions which nodes run, while somebody looks"""
+
+
+class Workshop(QObject):
+    """Made by the desk; QML has its parts as `desk.workshop.output` and so on."""
+
+    def __init__(self, situation: Situation, send: Callable[[Message], None], soon: Callable[[], None]):
+        """`send` sends what a button asked for, `soon` has the models looked at anew."""
+        super().__init__()
+        self._situation = situation
+        self._output = OutputDesk(situation, soon)
+        self._nodes_asked = float("-inf")
+
+    def serve(self, session: Session) -> None:
+        """Hear and ask through this session from now on."""
+        self._output.serve(session.hear)
+
+    @Property(QObject, constant=True)
+    def output(self) -> OutputDesk:
+        return self._output
+
+    def want(self, now: float) -> Iterator[Message]:
+        """The calls that are due, at a time in s that only rises."""
+        if self._output.watched and now - self._nodes_asked >= _NODES_S:
+            self._nodes_asked = now
+            yield GetNodes()
+
+    def build(self) -> None:
+        """Look at the models anew."""
+        self._output.build()

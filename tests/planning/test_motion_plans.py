@@ -319,7 +319,7 @@ def test_what_cant_be_meant_is_refused_by_field_value_and_expectation(bench, nom
     ("position", "words"),
     [
         ((1.5, -0.2, 0.3), r"goals: goals\[0\] \(tool_right_tip\) \(x\).* missed by 0\.\d+ m"),
-        ((0.55, -0.27, 0.3), "goal from (rim|spokes), inside of which it is"),
+        ((0.55, -0.27, 0.3), "goal from (rim|spokes) of wheel_1, inside of which it is"),
         ((0.0, 0.0, 0.1), "clearance .*tool_right and .*|clearance .*"),
     ],
     ids=["out of reach", "inside an obstacle", "inside the robot"],

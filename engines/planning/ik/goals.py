@@ -27,7 +27,7 @@ def goals_inside(constraints: Sequence[Constraint]) -> Iterator[Measure]:
             depth = _distance(goal, obstacle.geometry, obstacle.placement)
             if depth < 0.0:
                 yield Measure(
-                    constraint.label, f"goal from {obstacle.name}, inside of which it is", depth, 0.0, np.inf, "m"
+                    constraint.label, f"goal from {obstacle.label}, inside of which it is", depth, 0.0, np.inf, "m"
                 )
 
 

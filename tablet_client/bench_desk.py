@@ -73,6 +73,8 @@ class BenchDesk(QObject):
     @Slot(float, float, _MAP, result=str)
     def grasp(self, x: float, y: float, camera: dict[str, Any]) -> str:
         """A finger or the left button comes down on the scene: the handle's part that it is on."""
+        if self._held is self._bench and self._situation.only_looks:
+            return ""
         part = self._held.grasp(_seen(camera), x, y)
         self._note_hot()
         return part
@@ -203,6 +205,8 @@ class BenchDesk(QObject):
         situation, bench = self._situation, self._bench
         if _SENT_AS.get(command) in situation.pending:
             return "sending"
+        if situation.only_looks:
+            return situation.only_looks
         if not situation.link.attached:
             return "no_robot"
         if not situation.link.engine:

@@ -13,10 +13,12 @@ from typing import Any
 
 from PySide6.QtCore import Property, QObject, Qt, QTimer, Signal, Slot
 
+from handrail.link.codec import OBSERVING
 from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, Jog, MakePlan, Message
 from tablet_client.bench_desk import BenchDesk
 from tablet_client.camera_desk import CameraDesk
 from tablet_client.growing_list import GrowingList
+from tablet_client.health_desk import HealthDesk
 from tablet_client.library_desk import LibraryDesk
 from tablet_client.models.arrivals import Inbox
 from tablet_client.models.command import commanders, if_lost
@@ -72,6 +74,7 @@ class Desk(QObject):
         self._signals = SignalsDesk(situation)
         self._move = MoveDesk(situation, self._send, self._go, self._soon)
         self._workshop = Workshop(situation, self._send, self._soon)
+        self._health = HealthDesk(situation, self._send, self._soon)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
@@ -109,6 +112,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def signals(self) -> SignalsDesk:
         return self._signals
+
+    @Property(QObject, constant=True)
+    def health(self) -> HealthDesk:
+        return self._health
 
     @Property(QObject, constant=True)
     def library(self) -> LibraryDesk:
@@ -203,22 +210,26 @@ class Desk(QObject):
         self.situation.plans.play(on)
         self._soon()
 
+    def _may(self, call: Message) -> bool:
+        """Whether a call may leave: none that commands, while this window only looks. Buttons say so before."""
+        return not self.situation.only_looks or isinstance(call, OBSERVING)
+
     def _send(self, call: Message) -> None:
-        if self._session is not None:
+        if self._session is not None and self._may(call):
             self.situation.sent(call)
             self._session.send(call)
             self._soon()
 
     def _go(self, place: Jog) -> None:
         """Send the robot somewhere by hand."""
-        if self._session is not None:
+        if self._session is not None and self._may(place):
             self._session.go(place)
 
     def _tell(self, call: Message) -> None:
         """Send what need not be shown as on its way: streams of edits are shown by what they edit."""
         if isinstance(call, MakePlan):
             self._send(call)
-        elif self._session is not None:
+        elif self._session is not None and self._may(call):
             self._session.send(call)
 
     # -------------------------------------------------------------------------------------------------------- looking
@@ -242,6 +253,9 @@ class Desk(QObject):
         for item in self.inbox.take():
             self.situation.take(item)
         plans, busy = self.situation.plans, False
+        if self._session is not None and self.situation.link.attached:
+            for call in self.situation.service.want(now):
+                self._session.send(call)
         if self._session is not None and (plan := plans.want()):
             self._session.send(GetPlan(id=plan))
         if self._session is not None and self.situation.link.engine:
@@ -267,6 +281,7 @@ class Desk(QObject):
         self._workshop.build()
         self._camera.build()
         self._signals.build()
+        self._health.build()
         self._move.build()
         self._hands.show(self._build_hands())
         self._announce("_prompt", self._build_prompt(), self.promptChanged)

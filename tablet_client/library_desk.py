@@ -129,6 +129,8 @@ class LibraryDesk(QObject):
     def why(self, command: str) -> str:
         """Code of the reason why `run`, `check` or `roll_back` can't be done now; empty when it can."""
         situation = self._situation
+        if situation.only_looks:
+            return situation.only_looks
         if not situation.link.attached:
             return "no_robot"
         if not situation.link.engine:

@@ -163,6 +163,8 @@ class MoveDesk(QObject):
             return "no_robot"
         if command == "target":
             return ""
+        if situation.only_looks:
+            return situation.only_looks
         if not situation.link.engine:
             return "no_engine"
         if command == "plan":

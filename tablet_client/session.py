@@ -3,7 +3,7 @@
 Six threads, none of which the window ever waits for:
 
 - *keeper*: fetches the snapshot that a late client needs, then asks for the status once a second to know that the robot is still
-  there; after an interruption it fetches the snapshot again.
+  there, and how long the way to it takes; after an interruption it fetches the snapshot again.
 - *listener*: receives events, and tells the keeper when they began anew.
 - *caller*: sends the operator's calls, one after the other; *planner* those that may take long, so that none waits behind them.
 - *mover*: sends where the robot is to go by hand, the newest place only, and waits for no arrival.
@@ -17,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol, TypeVar
 
@@ -24,12 +25,14 @@ from handrail.client import Live, Selection
 from handrail.messages import (
     ActionEvent,
     CheckTask,
+    ClientIdentity,
     CodeChanged,
     DaemonStatus,
     DeviceStates,
     EngineInfo,
     EngineSnapshot,
     GetEngine,
+    GetIdentity,
     GetInstances,
     GetRobot,
     GetStatus,
@@ -88,6 +91,8 @@ class Stream(Iterable[Any], Protocol):
 class Client(Protocol):
     """What the session needs of `handrail.client.Client`: safe to use from several threads, reconnects by itself."""
 
+    @property
+    def traffic_by_kind(self) -> dict[str, int]: ...
     def call(self, message: Message, timeout_s: float | None = None) -> Any: ...
     def events(self, *kinds: type, timeout_s: float = 5.0) -> Iterable[Any]: ...
     def subscribe(self, *chosen: Selection | type, timeout_s: float = 5.0) -> Stream: ...
@@ -176,6 +181,7 @@ class Session:
                 self._anew.clear()
                 attached = engine = False
             try:
+                self._ping()
                 if attached:
                     self._inbox.put(self._ask(GetStatus(), DaemonStatus))
                 else:
@@ -207,6 +213,19 @@ class Session:
         if not isinstance(answer, expected):
             raise ConnectionError(f"{type(call).__name__}: answered with {type(answer).__name__}")
         return answer
+
+    def _ping(self) -> None:
+        """How long does a call take that the link answers itself, and whose key is this? Raises ConnectionError."""
+        began = time.monotonic()
+        took: float | None = None
+        who = ClientIdentity(name="", role="none")
+        try:
+            with contextlib.suppress(RefusedError):  # a robot of before: it answers, and has no roles for observers
+                who = self._ask(GetIdentity(), ClientIdentity)
+            took = time.monotonic() - began
+        finally:
+            told = {} if who.role == "none" else {"name": who.name, "role": who.role}
+            self._inbox.put(arrivals.Pinged(time.monotonic(), took, self._client.traffic_by_kind, **told))
 
     def _fetch_engine(self) -> None:
         self._inbox.hold()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +69,22 @@ class StopProgress:
     state: str
     attempt: int
     why: str = ""
+
+
+@dataclass(frozen=True)
+class Pinged:
+    """A call that asks for nothing but whose key this is has come back, or has not."""
+
+    at: float
+    """s, monotonic"""
+    took_s: float | None
+    """there and back; None: no answer in time"""
+    received: Mapping[str, int]
+    """bytes so far on this connection by type of event; of answers under the empty name"""
+    name: str = ""
+    """that this window's key has at the robot"""
+    role: str = ""
+    """and what it may; both empty where the robot did not say"""
 
 
 class Inbox:

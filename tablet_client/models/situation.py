@@ -17,11 +17,13 @@ from tablet_client.models.hands import Hands
 from tablet_client.models.journal import Journal, Level
 from tablet_client.models.launch import Launch
 from tablet_client.models.link import Link
+from tablet_client.models.link_quality import LinkQuality
 from tablet_client.models.move import Move
 from tablet_client.models.output import Output
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
 from tablet_client.models.robot import Robot
+from tablet_client.models.service import Service
 from tablet_client.models.signals import Signals
 from tablet_client.models.task import Task
 from tablet_client.models.world import World
@@ -35,6 +37,9 @@ class Situation:
     def __init__(self, address: str = "", *, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self.link = Link(address)
+        self.quality = LinkQuality()
+        self.name, self.role = "", ""
+        """whose key this window has, as the robot says, and what it may; empty: the robot has not said"""
         self.robot = Robot()
         self.task = Task()
         self.prompts = Prompts()
@@ -49,6 +54,7 @@ class Situation:
         self.signals = Signals()
         self.hands = Hands()
         self.move = Move()
+        self.service = Service()
         self.journal = Journal()
         self.output = Output()
         self.pending: set[str] = set()
@@ -66,9 +72,16 @@ class Situation:
         if isinstance(call, AnswerPrompt):
             self.prompts.answering(call)
 
+    @property
+    def only_looks(self) -> str:
+        """Code of the reason why nothing may be commanded from here, whatever the robot does; empty where it may."""
+        return "observer" if self.role == "observer" else ""
+
     def why_not_answer(self, option: str) -> str:
         """Code of the reason why an option of the current prompt can't be chosen; empty when it can."""
         prompt = self.prompts.current
+        if self.only_looks:
+            return self.only_looks
         if prompt is None or not self.link.attached or not self.link.engine:
             return "no_engine"
         if self.prompts.sent:
@@ -85,6 +98,8 @@ class Situation:
     def why_not_execute(self) -> str:
         """Code of the reason why the plan that is shown can't be executed; empty when it can."""
         plan = self.plans.shown
+        if self.only_looks:
+            return self.only_looks
         if not self.link.attached or not self.link.engine:
             return "no_engine"
         if plan is None:
@@ -107,12 +122,16 @@ class Situation:
 
     def _why_not_move(self) -> str:
         status = self.robot.status
+        if self.only_looks:
+            return self.only_looks
         if status is None:
             return "no_robot"
         return "stopped" if status.stopped else "" if status.enabled else "not_enabled"
 
     def why_not_command(self, command: str) -> str:
         """The same for `enable`, `clear_stop`, and for all that may be done with the run (Task.why_not)."""
+        if self.only_looks:
+            return self.only_looks
         if not self.link.attached:
             return "no_robot"
         if command == "enable":
@@ -134,6 +153,7 @@ class Situation:
             self.bench.detached()
         if isinstance(item, arrivals.Unanswered):
             self.pending.clear()
+            self.service.anew()
             self.note("error", "detached", item.why)
         elif isinstance(item, arrivals.EngineDetached):
             self.note("warning", "engine_detached", item.why)
@@ -142,9 +162,16 @@ class Situation:
         elif isinstance(item, arrivals.Attached):
             self.note("good", "attached", item.info.name)
 
+    def _pinged(self, item: arrivals.Pinged) -> None:
+        self.quality.take(item)
+        if item.role and (item.name, item.role) != (self.name, self.role):
+            self.name, self.role = item.name, item.role
+            self.note("info", "role", item.name, item.role)
+
     def _attached(self, item: arrivals.Attached) -> None:
         if self.robot.info is not None and self.robot.info.name != item.info.name:
             self.clouds.clear()
+            self.quality.clear()
         self.robot.attach(item.info, item.status)
         self.bench.arms = tuple(item.info.arms)
         self.signals.describe(tuple(item.info.joints))
@@ -183,6 +210,7 @@ class Situation:
                 self.output.hear_of(f"{FIRST}/{node.name}")
         self.launch.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
+        self.service.take(item.call, item.answer)
         self.bench.edits.answered(item.call)
         if isinstance(item.call, messages.PlanMotion):
             self.move.planned()
@@ -201,12 +229,15 @@ class Situation:
         self.task.tree.failed(item.call, item.refused)
         self.launch.failed(item.call, item.why)
         self.deployments.failed(item.call, item.why)
+        self.service.failed(item.call, item.why)
         self.bench.edits.refused(item.call)
         if isinstance(item.call, messages.Jog):
             self.move.refused(item.why)
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
             return  # said beside the waypoints
+        if isinstance(item.call, messages.GetProcesses | messages.GetProcessLog):
+            return  # said on the page that asks
         self.note("warning" if item.refused else "error", "refused" if item.refused else "unanswered", name, item.why)
 
     def _stop_progress(self, item: arrivals.StopProgress) -> None:
@@ -307,6 +338,7 @@ _HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
     arrivals.Unanswered: Situation._link_news,
     arrivals.EngineAttached: Situation._engine_attached,
     arrivals.EngineDetached: Situation._link_news,
+    arrivals.Pinged: Situation._pinged,
     arrivals.CallDone: Situation._call_done,
     arrivals.CallFailed: Situation._call_failed,
     arrivals.StopProgress: Situation._stop_progress,

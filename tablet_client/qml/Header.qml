@@ -38,10 +38,12 @@ Rectangle {
             objectName: "linkChip"
             text: Words.link(header.view.link)
             detail: header.view.link === "attached"
-                ? (header.view.engine ? header.view.address : qsTr("engine does not answer"))
+                ? (!header.view.engine ? qsTr("engine does not answer")
+                    : desk.health.link.quality === "unknown" ? header.view.address
+                    : qsTr("%1 · %2").arg(Words.milliseconds(desk.health.link.latency)).arg(Words.rate(desk.health.link.rate)))
                 : header.view.link === "lost" ? qsTr("for %1 s, trying again").arg(header.view.lostFor)
                 : qsTr("%1 tries").arg(header.view.tries)
-            color: header.view.link === "attached" ? (header.view.engine ? Theme.good : Theme.warning)
+            color: header.view.link === "attached" ? (!header.view.engine ? Theme.warning : desk.health.link.quality === "unknown" ? Theme.good : Words.qualityColor(desk.health.link.quality))
                 : header.view.link === "lost" ? Theme.danger : Theme.warning
         }
         Chip {

@@ -12,10 +12,11 @@ QtObject {
         { group: qsTr("Program"), name: "library", title: qsTr("Library"), file: "LibraryPanel.qml" },
         { group: qsTr("Teleoperate"), name: "move", title: qsTr("Move"), file: "MovePanel.qml" },
         { group: qsTr("See"), name: "signals", title: qsTr("Signals"), file: "SignalsPanel.qml" },
+        { group: qsTr("See"), name: "health", title: qsTr("Health"), file: "HealthPanel.qml", wide: true },
         { group: qsTr("See"), name: "journal", title: qsTr("History"), file: "JournalPanel.qml" },
         { group: qsTr("See"), name: "output", title: qsTr("Output"), file: "OutputPanel.qml", wide: true },
     ]
-    readonly property var marks: ({ task: desk.run.view.status === "failed" ? Theme.danger : "" }) // a page that should be looked at
+    readonly property var marks: ({ task: desk.run.view.status === "failed" ? Theme.danger : "", health: desk.health.view.troubled ? Theme.danger : "" }) // a page that should be looked at
     property string current: "task"
     readonly property bool wide: all.some(page => page.name === current && page.wide === true)
 

@@ -35,6 +35,7 @@ QtObject {
         return ({
             "": "",
             no_robot: qsTr("no robot"),
+            observer: qsTr("you only observe"),
             no_engine: qsTr("the engine does not answer"),
             no_program: qsTr("no program"),
             stopped: qsTr("stop is latched"),
@@ -132,7 +133,51 @@ QtObject {
 
     // What a key may (docs/deployment.md).
     function role(code) {
-        return ({ operator: qsTr("operator"), developer: qsTr("developer"), engine: qsTr("engine") })[code] || code
+        return ({ operator: qsTr("operator"), developer: qsTr("developer"), engine: qsTr("engine"), observer: qsTr("observer") })[code] || code
+    }
+
+    function quality(code) {
+        return ({ good: qsTr("Good"), slow: qsTr("Slow"), bad: qsTr("Bad"), unknown: qsTr("Not known yet") })[code] || code
+    }
+
+    function qualityColor(code) {
+        return ({ good: Theme.good, slow: Theme.warning, bad: Theme.danger })[code] || Theme.faint
+    }
+
+    // What the link carries.
+    function traffic(code) {
+        return ({
+            robot: qsTr("Robot's state"), camera: qsTr("Camera"), engine: qsTr("Programs, plans, objects"),
+            output: qsTr("Logs and outputs"), answers: qsTr("Answers"),
+        })[code] || code
+    }
+
+    function milliseconds(ms) {
+        return ms < 10 ? qsTr("under 10 ms") : ms < 1000 ? qsTr("%1 ms").arg(Math.round(ms / 10) * 10) : qsTr("%1 s").arg((ms / 1000).toFixed(1))
+    }
+
+    function rate(kb) {
+        return kb < 10 ? qsTr("%1 KB/s").arg(kb.toFixed(1)) : kb < 1000 ? qsTr("%1 KB/s").arg(Math.round(kb)) : qsTr("%1 MB/s").arg((kb / 1000).toFixed(1))
+    }
+
+    function processState(code) {
+        return ({
+            up: qsTr("up"), starting: qsTr("starting"), waiting: qsTr("waits for others"), "back-off": qsTr("died, starts anew soon"),
+            gone: qsTr("is gone"),
+        })[code] || code
+    }
+
+    // What starting a process anew means for the robot.
+    function restarting(kind) {
+        return ({
+            plant: qsTr("The simulated world begins anew, and the control loop with it: the robot is where it began, and not enabled."),
+            loop: qsTr("The drives get no commands for some seconds: they stop by themselves and hold softly. What moves ends, and nothing moves until the robot is enabled anew."),
+            server: qsTr("The motion goes on; for some seconds nobody hears of the robot and no call reaches it, STOP excepted."),
+            engine: qsTr("The motion that this engine commands ends, and its program with it. Plans are forgotten; objects stay."),
+            link: qsTr("Every window loses the robot for some seconds, and STOP from windows with it. The motion goes on."),
+            camera: qsTr("What the camera sees stands still for some seconds. The motion goes on."),
+            recorder: qsTr("The recording ends here; what follows goes into another file. The motion goes on."),
+        })[kind] || kind
     }
 
     // Whether what an engine has or runs is what another has, or what its library has in force.
@@ -242,6 +287,7 @@ QtObject {
         case "stop_sending": return qsTr("STOP sent")
         case "stop_answered": return qsTr("STOP confirmed by the robot")
         case "stop_failed": return qsTr("STOP not confirmed: %1").arg(x)
+        case "role": return qsTr("The robot knows this window as %1: %2").arg(x).arg(Words.role(y))
         case "left": return qsTr("%1 stays: %2").arg(x).arg(y)
         case "refused": return qsTr("%1 refused: %2").arg(x).arg(y)
         case "unanswered": return qsTr("%1 not answered: %2").arg(x).arg(y)

@@ -23,6 +23,7 @@ from handrail.client import Live, Selection
 from handrail.messages import (
     AnswerPrompt,
     ClearStop,
+    ClientIdentity,
     CodeChanged,
     DaemonStatus,
     Deploy,
@@ -34,10 +35,13 @@ from handrail.messages import (
     EngineSnapshot,
     GetEngine,
     GetEngines,
+    GetIdentity,
     GetInstances,
     GetNodes,
     GetOutline,
     GetPlan,
+    GetProcesses,
+    GetProcessLog,
     GetProgram,
     GetReach,
     GetReleases,
@@ -60,6 +64,9 @@ from handrail.messages import (
     PlanSegment,
     PointCloud,
     Pose,
+    Processes,
+    ProcessLog,
+    ProcessUse,
     ProgramParameter,
     ProgramResource,
     ProgramSource,
@@ -77,6 +84,7 @@ from handrail.messages import (
     Run,
     RunHistory,
     RunState,
+    SaidLine,
     SetParameters,
     StateVisit,
     Stop,
@@ -99,6 +107,9 @@ class FakeRobot:
         self.position = self.description.home_position().tolist()
         self.calls: list[Any] = []
         self.reachable = True
+        self.role: Any = "operator"
+        self.traffic = {"RobotState": 0, "": 0}
+        self.processes: list[ProcessUse] = []
         self.engine_there = True
         self.enabled, self.stopped, self.stop_reason, self.speed = True, False, "", 1.0
         self.hanging = threading.Event()  # set: calls other than STOP never come back
@@ -343,6 +354,11 @@ class FakeRobot:
                 period_ns=self.description.period_ns,
             ),
             GetStatus: self.status,
+            GetIdentity: lambda: ClientIdentity(name="ada", role=self.role),
+            GetProcesses: lambda: Processes(processes=self.processes),
+            GetProcessLog: lambda: ProcessLog(
+                process=call.process, lines=[SaidLine(2.0, f"{call.process} ready"), SaidLine(1.0, "all is well")]
+            ),
             GetEngine: lambda: EngineSnapshot(
                 instances=self.instances, plans=self.plans, run=self.run, prompts=self.prompts
             ),
@@ -407,6 +423,10 @@ class FakeClient:
     def __init__(self, robot: FakeRobot):
         self._robot = robot
         self._stream: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    @property
+    def traffic_by_kind(self) -> dict[str, int]:
+        return dict(self._robot.traffic)
 
     def call(self, message: Any, timeout_s: float | None = None) -> Any:
         robot = self._robot

@@ -44,7 +44,7 @@ from engines.programs.deployment import Deployed
 from engines.programs.outline import outline
 from engines.programs.rehearsal import Rehearsal
 from engines.reach.desk import ReachDesk
-from engines.releases import saving
+from engines.releases import node_saving, saving
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
 from engines.runs.job import Job
@@ -187,6 +187,9 @@ class Engine:
             m.PutBundle: lambda call: _in_thread(functools.partial(self._put_bundle, call), "bundle"),
             m.GetProgram: lambda call: _in_thread(functools.partial(saving.source, call), "program"),
             m.SaveProgram: lambda call: _in_thread(functools.partial(self._save_program, call), "save"),
+            m.ListNodes: lambda call: node_saving.listing(),
+            m.GetNodeSource: node_saving.source,
+            m.SaveNode: lambda call: _in_thread(functools.partial(self._save_node, call), "save"),
             m.GetReleases: lambda call: self._releases.listing(self._name),
             m.GetEngines: lambda call: m.Engines(engines=[self._info()]),
             m.RollBack: lambda call: _in_thread(functools.partial(self._roll_back, call), "roll back"),
@@ -353,6 +356,9 @@ class Engine:
 
     def _save_program(self, call: m.SaveProgram) -> m.BundleState:
         return self._brought(lambda: saving.save(call, self._releases))
+
+    def _save_node(self, call: m.SaveNode) -> m.BundleState:
+        return self._brought(lambda: node_saving.save(call, self._releases))
 
     def _brought(self, bring: Callable[[], m.BundleState]) -> m.BundleState:
         before = self._releases.folder

@@ -9,10 +9,16 @@ from typing import TYPE_CHECKING, Any
 from handrail.link.events import Events
 from handrail.messages import (
     GetNodes,
+    GetNodeSource,
+    ListNodes,
+    NodeEntry,
+    NodeSource,
     NodeState,
     PortValue,
     PutNode,
+    Release,
     ReloadNode,
+    SaveNode,
     StartNode,
     StopNode,
     WatchPort,
@@ -62,6 +68,23 @@ class NodeCalls:
     def stop_node(self, name: str) -> None:
         """End a node that `start_node` started."""
         self.call(StopNode(name=name))
+
+    def node_library(self) -> list[NodeEntry]:
+        """The nodes that the engine's library has, and which of them come with Handrail."""
+        return self.call(ListNodes()).nodes
+
+    def node_source(self, node: str) -> NodeSource:
+        """A node's file, as the engine has it in force."""
+        return self.call(GetNodeSource(node=node))
+
+    def save_node(self, node: str, text: str, was: str = "", *, wired: bool = False, note: str = "") -> Release:
+        """Bring a node that was edited into force, as a release; developers' keys only.
+
+        `was`: the text that was edited, empty for a new node; `wired`: that is YAML which wires other nodes together. Refused, with
+        FILE:LINE and why, where it can't be loaded, and where somebody else has saved it meanwhile. What runs of it goes on as it
+        was until `reload_node`.
+        """
+        return self.call(SaveNode(node=node, text=text, was=was, wired=wired, note=note)).release
 
     def watch_port(self, name: str, port: str, *, rate: float = 5.0) -> Iterator[PortValue]:
         """What goes through a port from now on, at most `rate` times a second, for as long as one iterates.

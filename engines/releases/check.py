@@ -13,6 +13,9 @@ from handrail.config import ConfigError
 from handrail.robot.description import RobotDescription
 from handrail.topics import refuse
 
+NODES = "nodes/"
+"""begins the name of a bundle that is no program but a node by itself"""
+
 
 def check(folder: Path, programs: Collection[str], description: RobotDescription) -> None:
     """Refuse what this robot can't run: the first program, node, template, behaviour or scene that is unsound is named.
@@ -21,7 +24,7 @@ def check(folder: Path, programs: Collection[str], description: RobotDescription
     :param programs: that must be there
     """
     with workspace.pinned(folder):
-        for name in programs:
+        for name in (each for each in programs if not each.startswith(NODES)):
             try:
                 program = library.named(name)
             except ConfigError as problem:

@@ -12,6 +12,7 @@ from engines.activities.base import Kind
 from engines.nodes import library as nodes
 from engines.programs import library, scxml
 from engines.programs.program import Program
+from engines.releases.check import NODES
 from handrail import behaviour_file, workspace
 from handrail.bundles.manifest import Bundle, bundle
 
@@ -28,6 +29,19 @@ def bundle_of(name_or_file: str, *, scenes: bool = True) -> Bundle:
     ):
         files[f"scenes/{scene.name}"] = scene
     return bundle(program.name, {path: file.read_bytes() for path, file in files.items()})
+
+
+def bundle_of_node(name: str, file: Path) -> Bundle:
+    """A node by itself, with its parts and the modules beside it that it imports. Raises ValueError, OSError."""
+    return bundle(f"{NODES}{name}", {path: each.read_bytes() for path, each in _node(file.resolve())})
+
+
+def holds_node(file: Path) -> bool:
+    """Whether a Python file has a class that is made as nodes are; others are modules that nodes import."""
+    bases = (
+        base for each in ast.walk(ast.parse(file.read_bytes())) if isinstance(each, ast.ClassDef) for base in each.bases
+    )
+    return any((base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "")) == "Node" for base in bases)
 
 
 def _needed(program: Program) -> Iterator[tuple[str, Path]]:

@@ -48,6 +48,7 @@ from handrail.messages import (
     GetIdentity,
     GetInstances,
     GetNodes,
+    GetNodeSource,
     GetOutline,
     GetPlan,
     GetProcesses,
@@ -66,6 +67,7 @@ from handrail.messages import (
     Jog,
     KeepAlive,
     ListLibrary,
+    ListNodes,
     MakePlan,
     Message,
     MoveInstance,
@@ -88,6 +90,7 @@ from handrail.messages import (
     Run,
     RunFrom,
     RunTemplate,
+    SaveNode,
     SaveProgram,
     SensorEvent,
     ServiceCall,
@@ -155,18 +158,19 @@ GUEST_EVENTS = {
 """those that an engine on another machine may tell: instances are the first engine's"""
 REMOTE_ANSWER: Any = Answer | NoAnswer
 
-CODE = (PutBundle, SaveProgram, RollBack, ReloadNode)
+CODE = (PutBundle, SaveProgram, SaveNode, RollBack, ReloadNode)
 """calls that change which code runs on the robot: a developer's. StartNode is none: it runs what the library has"""
 OBSERVING = (
     *(GetIdentity, GetRobot, GetStatus, GetSafety, GetProcesses, GetProcessLog),
     *(GetEngines, GetEngine, GetInstances, GetPlan, GetReach, GetRunHistory, GetOutline, GetNodes, WatchPort),
-    *(ListLibrary, GetProgram, GetReleases, AwaitPlan, Stop),
+    *(ListLibrary, GetProgram, ListNodes, GetNodeSource, GetReleases, AwaitPlan, Stop),
 )
 """calls that change nothing, and STOP, which is everybody's: all that an observer may say"""
 SIGNED = (
     RestartProcess,
     PutBundle,
     SaveProgram,
+    SaveNode,
     RollBack,
     CommandGripper,
     BindKeepalive,
@@ -210,6 +214,7 @@ _TIMEOUTS_S: dict[type, float] = {
     ExpandTemplate: 20.0,
     PutBundle: 60.0,
     SaveProgram: 60.0,
+    SaveNode: 60.0,
     RollBack: 60.0,
     StartNode: 60.0,
     ReloadNode: 60.0,

@@ -147,6 +147,14 @@ from handrail.messages.motions import (
     TaskAxis,
     WholeBody,
 )
+from handrail.messages.node_sources import (
+    GetNodeSource,
+    ListNodes,
+    NodeEntry,
+    NodeLibrary,
+    NodeSource,
+    SaveNode,
+)
 from handrail.messages.nodes import (
     GetNodes,
     NodePort,
@@ -355,6 +363,7 @@ __all__ = [
     "GetHardware",
     "GetIdentity",
     "GetInstances",
+    "GetNodeSource",
     "GetNodes",
     "GetOutline",
     "GetPlan",
@@ -397,6 +406,7 @@ __all__ = [
     "Library",
     "LibraryEntry",
     "ListLibrary",
+    "ListNodes",
     "LoadController",
     "LogLine",
     "LoopStatistics",
@@ -406,7 +416,10 @@ __all__ = [
     "Motion",
     "MoveInstance",
     "Name",
+    "NodeEntry",
+    "NodeLibrary",
     "NodePort",
+    "NodeSource",
     "NodeState",
     "Nodes",
     "NonNegative",
@@ -477,6 +490,7 @@ __all__ = [
     "SafetyRule",
     "Said",
     "SaidLine",
+    "SaveNode",
     "SaveProgram",
     "SensorEvent",
     "ServiceCall",
@@ -652,6 +666,9 @@ EngineCall = (
     | PutBundle
     | GetProgram
     | SaveProgram
+    | ListNodes
+    | GetNodeSource
+    | SaveNode
     | GetReleases
     | RollBack
     | GetEngines
@@ -713,6 +730,8 @@ Answer = (
     | Engines
     | CallsForEngine
     | ProgramSource
+    | NodeLibrary
+    | NodeSource
     | Reach
     | TemplateProgram
     | Processes

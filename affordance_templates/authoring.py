@@ -160,6 +160,16 @@ def recorded(
     return waypoint
 
 
+def own_file(name: str) -> Path:
+    """Where a template of one's own lies. Raises ValueError without a workspace, or for what is no name."""
+    if not name.isidentifier():
+        raise ValueError(f"{name}: not a name; expected letters, digits and _, beginning with a letter")
+    own = os.environ.get("HANDRAIL_WORKSPACE")
+    if not own:
+        raise ValueError("HANDRAIL_WORKSPACE is not set; expected your workspace's folder, or --to FILE")
+    return Path(own) / "affordance_templates" / f"{name}.yaml"
+
+
 def saved_as(instance: Instance, file: Path) -> Template:
     """An instance as a template of its own: its parameters' values are the defaults, its meshes go with it.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,16 +31,6 @@ _To = Annotated[
 _STATE_WITHIN = 5.0  # s
 
 
-def own_file(name: str) -> Path:
-    """Where a template of one's own lies. Raises ValueError without a workspace, or for what is no name."""
-    if not name.isidentifier():
-        raise ValueError(f"{name}: not a name; expected letters, digits and _, beginning with a letter")
-    own = os.environ.get("HANDRAIL_WORKSPACE")
-    if not own:
-        raise ValueError("HANDRAIL_WORKSPACE is not set; expected your workspace's folder, or --to FILE")
-    return Path(own) / "affordance_templates" / f"{name}.yaml"
-
-
 def new(name: Annotated[str, typer.Argument(help="What to call it.")], like: str = "box") -> None:
     """Begin a template of your own as a copy of one that is there."""
     beginnings.begin("template", name, like)
@@ -55,7 +44,7 @@ def import_(
     """Make a template of somebody else's, and list what has no counterpart."""
     with _problems("import"):
         found = importing.read(file)
-        target = to or own_file(name or file.stem)
+        target = to or authoring.own_file(name or file.stem)
         template = authoring.Draft(found.text, target).save(over=False)
     counts = (
         f"{len(template.objects)} objects, {len(template.joints)} joints, {len(template.trajectories)} trajectories"
@@ -88,7 +77,7 @@ def record(
             approach=approach,
             hand_pose=hand_pose,
         )
-        target = to or own_file(placed_one.template.name)
+        target = to or authoring.own_file(placed_one.template.name)
         template = placed_one.template
         if target.is_file():
             draft = authoring.Draft(target.read_text(encoding="utf-8"), target)
@@ -111,7 +100,7 @@ def save(
 ) -> None:
     """Save an instance as a template of your own: its parameters' values are the defaults."""
     with _problems("save"), connect(connect_to, keys) as robot:
-        target = to or own_file(name)
+        target = to or authoring.own_file(name)
         authoring.saved_as(instance_of(robot, instance), target)
     _out.print(f"{target}: as {instance} stands", highlight=False, markup=False)
 

@@ -18,6 +18,8 @@ from handrail.messages import (
     RedoEdit,
     ReleaseInstance,
     RemoveInstance,
+    SavedTemplate,
+    SaveTemplate,
     SetParameters,
     UndoEdit,
 )
@@ -71,6 +73,13 @@ class InstanceCalls:
         version by it. Refused where somebody else holds it, and where it would go along with itself.
         """
         return self.call(AttachInstance(name=name, link=link, instance=instance))
+
+    def save_template(self, instance: str, name: str) -> SavedTemplate:
+        """Save an instance as a template in the engine's workspace: its parameters' values are the defaults.
+
+        Refused where there is a template of that name, or the engine has no workspace.
+        """
+        return self.call(SaveTemplate(instance=instance, name=name))
 
     def undo_instances(self) -> InstanceEdit:
         """Take back the last thing that this operator did to any instance; all of a drag under a hold is one.

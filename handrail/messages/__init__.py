@@ -126,6 +126,8 @@ from handrail.messages.instances import (
     RedoEdit,
     ReleaseInstance,
     RemoveInstance,
+    SavedTemplate,
+    SaveTemplate,
     SetJoint,
     SetParameters,
     UndoEdit,
@@ -492,6 +494,8 @@ __all__ = [
     "SaidLine",
     "SaveNode",
     "SaveProgram",
+    "SaveTemplate",
+    "SavedTemplate",
     "SensorEvent",
     "ServiceCall",
     "SetAutonomy",
@@ -557,6 +561,7 @@ HoldInstance.Reply = InstanceState
 ReleaseInstance.Reply = InstanceState
 EditInstance.Reply = InstanceEdit
 AttachInstance.Reply = InstanceEdit
+SaveTemplate.Reply = SavedTemplate
 UndoEdit.Reply = InstanceEdit
 RedoEdit.Reply = InstanceEdit
 GetInstances.Reply = Instances
@@ -625,6 +630,7 @@ EngineCall = (
     | SetParameters
     | EditInstance
     | AttachInstance
+    | SaveTemplate
     | UndoEdit
     | RedoEdit
     | HoldInstance
@@ -712,6 +718,7 @@ Answer = (
     | InstanceState
     | Instances
     | InstanceEdit
+    | SavedTemplate
     | PlanPreview
     | Choices
     | Library

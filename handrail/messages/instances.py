@@ -200,6 +200,27 @@ class GetInstances(Message):
     """All instances."""
 
 
+@travels(priority=1, remote=True)
+class SaveTemplate(Message):
+    """Save an instance as a template in the engine's workspace: its parameters' values are the defaults.
+
+    Refused where there is a template of that name, or the engine has no workspace.
+    """
+
+    instance: Name
+    name: Name
+    """what to call the template"""
+
+
+class SavedTemplate(Message):
+    """Answer to SaveTemplate."""
+
+    name: str
+    file: str
+    """path on the engine's computer"""
+    hash: str
+
+
 class Instances(Message):
     """Answer to GetInstances."""
 

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -124,7 +125,7 @@ class Bench:
         """It moves."""
         if self._grip is not None and self.selected in self._world.instances:
             moved = self._grip.drag(view, x, y, fine=self.fine, snap=self.snap)
-            self.edits.drag(self.selected, to_message(moved))
+            self.edits.drag(self.selected, **_moved(self.hot, moved))
 
     def release(self) -> None:
         """It is lifted."""
@@ -151,7 +152,7 @@ class Bench:
         pose = np.eye(4)
         pose[:3, 3] = np.array(numbers[:3]) / 1000
         pose[:3, :3] = rotation_of(np.radians(numbers[3:]))
-        self.edits.move(self.selected, to_message(pose))
+        self.edits.move(self.selected, **_moved("t" if row < 3 else "r", pose))
         return ""
 
     def nudge(self, part: str, steps: int) -> None:
@@ -159,7 +160,7 @@ class Bench:
         pose = self.pose
         if pose is not None:
             unit = (handle.STEP if part[0] == "t" else handle.TURN) * (handle.FINE if self.fine else 1.0)
-            self.edits.move(self.selected, to_message(handle.shifted(pose, part, steps * unit)))
+            self.edits.move(self.selected, **_moved(part, handle.shifted(pose, part, steps * unit)))
 
     # ----------------------------------------------------------------------------------------- parameters and joints
 
@@ -321,6 +322,12 @@ class Bench:
         beside = pose.copy()
         beside[:3, 3] += beside[:3, 1] * 0.1
         self.edits.place(name, state.template, to_message(beside), dict(state.parameters))
+
+
+def _moved(part: str, pose: Array) -> dict[str, Any]:
+    """What a part of the handle (`t`: an arrow, `r`: a ring) changes: the other half of the pose may be somebody else's."""
+    told = to_message(pose)
+    return {"position": told.position} if part[0] == "t" else {"orientation": told.orientation}
 
 
 @lru_cache(maxsize=32)

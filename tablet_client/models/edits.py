@@ -1,7 +1,8 @@
 """The operator's edits of instances on their way: shown at once, sent as the latest value at most 30 times a second.
 
-What a finger is on is held at the engine, so nobody else moves it, and all of a drag is one step back. Undo and redo are the
-engine's: it knows what others have changed since.
+Only the fields that were edited are sent: what another operator makes of the others stays. What a finger is on is held at the
+engine, so nobody else moves it, and all of a drag is one step back. Undo and redo are the engine's: it knows what others have
+changed since.
 """
 
 from __future__ import annotations
@@ -11,24 +12,27 @@ from collections.abc import Callable
 import msgspec
 
 from handrail.messages import (
+    AttachInstance,
+    EditInstance,
     HoldInstance,
     InstanceState,
     Message,
-    MoveInstance,
     PlaceInstance,
     Pose,
     RedoEdit,
     ReleaseInstance,
     RemoveInstance,
-    SetParameters,
     UndoEdit,
+    Vector,
 )
+from handrail.messages.instances import Quaternion
 
 RATE = 30.0  # Hz, of one instance's edits
 _RENEWED = 0.7  # s: a hold ends 2 s after it was renewed last
 _Key = tuple[str, str]
 _STEP: _Key = ("", "step")
 _NEVER = float("-inf")
+_OF_ONE = (EditInstance, AttachInstance, PlaceInstance, RemoveInstance, HoldInstance, ReleaseInstance)
 
 
 class Edits:
@@ -54,12 +58,16 @@ class Edits:
     def shown(self, state: InstanceState) -> InstanceState:
         """An instance as it stands once what is on its way has arrived."""
         for calls in (self._under_way, self._waiting):
-            move = calls.get((state.name, "MoveInstance"))
-            if isinstance(move, MoveInstance):
-                state = msgspec.structs.replace(state, pose_in_world=move.pose_in_world)
-            change = calls.get((state.name, "SetParameters"))
-            if isinstance(change, SetParameters):
-                state = msgspec.structs.replace(state, parameters={**state.parameters, **change.parameters})
+            edit = calls.get((state.name, "EditInstance"))
+            if isinstance(edit, EditInstance):
+                pose = state.pose_in_world
+                pose = Pose(position=edit.position or pose.position, orientation=edit.orientation or pose.orientation)
+                state = msgspec.structs.replace(
+                    state,
+                    pose_in_world=pose,
+                    parameters={**state.parameters, **edit.parameters},
+                    joint_state={**state.joint_state, **edit.joints},
+                )
         return state
 
     @property
@@ -74,10 +82,13 @@ class Edits:
 
     # ---------------------------------------------------------------------------------------------------------- edits
 
-    def drag(self, name: str, pose: Pose) -> None:
-        """An instance is being dragged: the latest place counts, and all of a drag is one step back."""
-        if self._hold(name):
-            self._wait(MoveInstance(name=name, pose_in_world=pose))
+    def drag(self, name: str, *, position: Vector | None = None, orientation: Quaternion | None = None) -> None:
+        """An instance is being dragged or turned: the latest place counts, and all of a drag is one step back.
+
+        `position` in m, `orientation` (x, y, z, w), in the world.
+        """
+        if self._hold(name) and name not in self._barred:
+            self._edit(EditInstance(name=name, position=position, orientation=orientation))
 
     def drop(self, name: str) -> None:
         """A finger is lifted from an instance: it stays where it last was, and others may have it."""
@@ -86,18 +97,28 @@ class Edits:
             self._waiting.pop((name, "HoldInstance"), None)
             self._wait(ReleaseInstance(name=name))
 
-    def move(self, name: str, pose: Pose) -> None:
+    def move(self, name: str, *, position: Vector | None = None, orientation: Quaternion | None = None) -> None:
         """To a place that was typed in."""
+        if (known := self._known(name)) is not None:
+            self._edit(EditInstance(name=name, position=position, orientation=orientation, base=known.version))
+
+    def set_joints(self, name: str, joints: dict[str, float]) -> None:
+        """Say where an instance's joints are, rad or m, as the operator sees them."""
+        if (known := self._known(name)) is not None:
+            self._edit(EditInstance(name=name, joints=joints, base=known.version))
+
+    def attach(self, name: str, *, link: str = "", instance: str = "") -> None:
+        """Have an instance go along with a link or another instance; with neither, have it stand in the world."""
         if self._known(name) is not None:
-            self._wait(MoveInstance(name=name, pose_in_world=pose))
+            self._wait(AttachInstance(name=name, link=link, instance=instance))
 
     def turn(self, name: str, parameter: str, value: float) -> None:
-        """A parameter is being changed: the latest value counts, and all of it until `drop` is one step back."""
-        if not self._hold(name):
-            return
-        other = self._waiting.get((name, "SetParameters"))
-        given = other.parameters if isinstance(other, SetParameters) else {}
-        self._wait(SetParameters(name=name, parameters={**given, parameter: value}))
+        """A parameter is being changed: the latest value counts, and all of it until `drop` is one step back.
+
+        Of what somebody else holds too: that only keeps others from moving it.
+        """
+        if self._hold(name):
+            self._edit(EditInstance(name=name, parameters={parameter: value}))
 
     def place(self, name: str, template: str, pose: Pose, parameters: dict[str, float] | None = None) -> None:
         """Put a template into the world."""
@@ -109,8 +130,7 @@ class Edits:
         if known is None:
             return
         for calls in (self._waiting, self._under_way):
-            for kind in ("MoveInstance", "SetParameters"):
-                calls.pop((name, kind), None)
+            calls.pop((name, "EditInstance"), None)
         self._wait(RemoveInstance(name=name))
 
     # ----------------------------------------------------------------------------------------------------------- undo
@@ -177,8 +197,10 @@ class Edits:
         elif isinstance(call, HoldInstance):
             if self._held.pop(call.name, None) is not None:
                 self._barred.add(call.name)
-            for kind in ("HoldInstance", "MoveInstance", "SetParameters"):
-                self._waiting.pop((call.name, kind), None)
+            self._waiting.pop((call.name, "HoldInstance"), None)
+            edit = self._waiting.pop((call.name, "EditInstance"), None)
+            if isinstance(edit, EditInstance) and (edit.parameters or edit.joints):
+                self._wait(msgspec.structs.replace(edit, position=None, orientation=None))
         elif (key := _key(call)) is not None:
             self._waiting.pop(key, None)
 
@@ -199,11 +221,25 @@ class Edits:
         self._steps.clear()
 
     def _hold(self, name: str) -> bool:
-        """A finger is on an instance. False: it is not there, or somebody else holds it."""
-        if self._known(name) is None or name in self._barred:
+        """A finger is on an instance. False: it is not there."""
+        if self._known(name) is None:
             return False
-        self._held.setdefault(name, _NEVER)  # asked for with what is sent next
+        if name not in self._barred:
+            self._held.setdefault(name, _NEVER)  # asked for with what is sent next
         return True
+
+    def _edit(self, edit: EditInstance) -> None:
+        """Together with what of the same instance still waits: the later value of each field."""
+        before = self._waiting.get((edit.name, "EditInstance"))
+        if isinstance(before, EditInstance):
+            edit = msgspec.structs.replace(
+                edit,
+                position=edit.position or before.position,
+                orientation=edit.orientation or before.orientation,
+                parameters={**before.parameters, **edit.parameters},
+                joints={**before.joints, **edit.joints},
+            )
+        self._wait(edit)
 
     def _wait(self, call: Message) -> None:
         key = _key(call)
@@ -214,6 +250,6 @@ class Edits:
 def _key(call: Message) -> _Key | None:
     if isinstance(call, UndoEdit | RedoEdit):
         return _STEP
-    if isinstance(call, MoveInstance | SetParameters | PlaceInstance | RemoveInstance | HoldInstance | ReleaseInstance):
+    if isinstance(call, _OF_ONE):
         return call.name, type(call).__name__
     return None

@@ -201,6 +201,8 @@ class Situation:
             self.world.take(item.answer)
         elif isinstance(item.answer, messages.InstanceEdit):
             self._stepped(item.answer)
+        elif isinstance(item.answer, messages.SavedTemplate):
+            self.note("good", "template_saved", item.answer.name, item.answer.file)
         elif isinstance(item.answer, messages.Reach):
             self.bench.take(item.answer)
         elif isinstance(item.answer, messages.Library) and not item.call.engine:  # type: ignore[attr-defined]
@@ -220,6 +222,8 @@ class Situation:
             self.world.take(edit.instance)
         for field, why in edit.left.items():
             self.note("info", "left", f"{edit.name}, {field}", why)
+        for field, whose in edit.overwrote.items():
+            self.note("info", "overwrote", f"{edit.name}, {field}", whose)
 
     def _call_failed(self, item: arrivals.CallFailed) -> None:
         name = type(item.call).__name__

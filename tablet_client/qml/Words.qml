@@ -289,6 +289,8 @@ QtObject {
         case "stop_failed": return qsTr("STOP not confirmed: %1").arg(x)
         case "role": return qsTr("The robot knows this window as %1: %2").arg(x).arg(Words.role(y))
         case "left": return qsTr("%1 stays: %2").arg(x).arg(y)
+        case "overwrote": return qsTr("%1: your value replaced a newer one by %2").arg(x).arg(y)
+        case "template_saved": return qsTr("Saved as the template %1, in %2").arg(Words.name(x)).arg(y)
         case "refused": return qsTr("%1 refused: %2").arg(x).arg(y)
         case "unanswered": return qsTr("%1 not answered: %2").arg(x).arg(y)
         case "run_ready": return qsTr("%1 is ready").arg(Words.name(x))

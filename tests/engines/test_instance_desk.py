@@ -94,6 +94,21 @@ def test_what_the_robot_carries_goes_along_with_its_measured_joints(stack, daemo
     assert stack.call(m.GetPlan(id=plan.id)).fresh, "it was not edited, and the robot is within its tolerance"
 
 
+def test_an_instance_is_saved_as_a_template_of_the_engines_workspace_and_placed_again(stack, tmp_path, monkeypatch):
+    monkeypatch.delenv("HANDRAIL_WORKSPACE", raising=False)
+    stack.place()
+    stack.call(m.EditInstance(name="wheel_1", parameters={"radius": 0.22}))
+    assert "handrail new workspace" in stack.refusal(m.SaveTemplate(instance="wheel_1", name="big")).expected
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
+    saved = stack.call(m.SaveTemplate(instance="wheel_1", name="big"))
+    assert saved.file == str(tmp_path / "affordance_templates" / "big.yaml")
+    placed_anew = stack.call(m.PlaceInstance(name="other", template="big", pose_in_world=m.Pose()))
+    assert placed_anew.parameters["radius"] == 0.22 and placed_anew.template_hash == saved.hash
+    assert "there is a template big" in stack.refusal(m.SaveTemplate(instance="wheel_1", name="big")).message
+    assert stack.refusal(m.SaveTemplate(instance="wheel_1", name="../x")).field == "name"
+    assert stack.refusal(m.SaveTemplate(instance="wheel_9", name="y")).field == "name"
+
+
 def test_links_are_where_the_robots_joints_have_them():
     robot = robots.load("talos_upper")
     position, base = robot.home_position("ready"), None

@@ -22,6 +22,8 @@ from handrail import cloud
 from handrail.client import Live, Selection
 from handrail.messages import (
     AnswerPrompt,
+    AttachInstance,
+    Attachment,
     ClearStop,
     ClientIdentity,
     CodeChanged,
@@ -29,6 +31,7 @@ from handrail.messages import (
     Deploy,
     Deployment,
     DriveStatus,
+    EditInstance,
     Enable,
     EngineInfo,
     Engines,
@@ -56,7 +59,6 @@ from handrail.messages import (
     LibraryEntry,
     ListLibrary,
     LoopStatistics,
-    MoveInstance,
     Nodes,
     Outline,
     OutlineState,
@@ -85,7 +87,8 @@ from handrail.messages import (
     RunHistory,
     RunState,
     SaidLine,
-    SetParameters,
+    SavedTemplate,
+    SaveTemplate,
     StateVisit,
     Stop,
     UndoEdit,
@@ -243,6 +246,22 @@ class FakeRobot:
         self.publish(new)
         return new
 
+    def merged(self, call: EditInstance) -> InstanceEdit:
+        """An instance with the fields of an edit, the others as they were."""
+        old = next(each for each in self.instances if each.name == call.name)
+        pose = Pose(
+            position=call.position or old.pose_in_world.position,
+            orientation=call.orientation or old.pose_in_world.orientation,
+        )
+        joints = {**old.joint_state, **call.joints}
+        new = self.edited(call.name, pose_in_world=pose, parameters=call.parameters, joint_state=joints)
+        return InstanceEdit(name=call.name, instance=new)
+
+    def attached(self, call: AttachInstance) -> InstanceEdit:
+        """An instance that goes along with something, or stands in the world again."""
+        along = Attachment(link=call.link, instance=call.instance, pose=Pose()) if call.link or call.instance else None
+        return InstanceEdit(name=call.name, instance=self.edited(call.name, attachment=along))
+
     def held(self, name: str, by: str) -> InstanceState:
         """An instance that is taken hold of, or let go; what is done meanwhile is one step to undo."""
         old = next(each for each in self.instances if each.name == name)
@@ -367,8 +386,9 @@ class FakeRobot:
             HoldInstance: lambda: self.held(call.name, "local"),
             ReleaseInstance: lambda: self.held(call.name, ""),
             UndoEdit: self.undone,
-            MoveInstance: lambda: self.edited(call.name, pose_in_world=call.pose_in_world),
-            SetParameters: lambda: self.edited(call.name, parameters=call.parameters),
+            EditInstance: lambda: self.merged(call),
+            AttachInstance: lambda: self.attached(call),
+            SaveTemplate: lambda: SavedTemplate(name=call.name, file=f"/workspace/{call.name}.yaml", hash="0"),
             ListLibrary: lambda: Library(
                 entries=[
                     LibraryEntry(name="wheel", kind="template"),

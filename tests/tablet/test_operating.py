@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from handrail.messages import ExecutePlan, GetReach, MakePlan, MoveInstance, SetParameters, Stop
+from handrail.messages import EditInstance, ExecutePlan, GetReach, MakePlan, Stop
 from tests.tablet.shown import Shown, distance
 
 pytestmark = pytest.mark.window
@@ -44,7 +44,7 @@ def test_a_finger_drags_the_selected_template_by_its_handle_and_undo_brings_it_b
     x, y, _ = robot.instances[0].pose_in_world.position
     assert (x, y) == pytest.approx((0.55, -0.35), abs=1e-6), "along its axis alone"
     assert view.property("yaw") == turned, "the view stays"
-    assert len(robot.calls_of(MoveInstance)) <= 12
+    assert len(robot.calls_of(EditInstance)) <= 12
     selected.press("undo")
     selected.until(lambda: robot.instances[0].pose_in_world == before)
     selected.until(lambda: distance(selected.node("template_wheel_1"), before.position) < 1e-4)
@@ -68,7 +68,7 @@ def test_a_parameters_slider_changes_the_instance_and_what_is_drawn(selected, ro
     slider = selected.until(lambda: selected.item("parameter_radius"))
     slider.forceActiveFocus(Qt.FocusReason.TabFocusReason)
     selected.key(Qt.Key.Key_Right)
-    selected.until(lambda: robot.calls_of(SetParameters))
+    selected.until(lambda: robot.calls_of(EditInstance))
     assert robot.instances[0].parameters["radius"] == pytest.approx(0.15 + 0.0032)
 
 

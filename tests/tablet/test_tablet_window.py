@@ -48,7 +48,7 @@ JOURNAL = [
     *("attached", "detached", "engine_attached", "engine_detached", "refused", "unanswered", "log", "action_ended"),
     *("drives_enabled", "drives_disabled", "drives_stopped", "drives_fault", "drives_quick_stop"),
     *("stop_sending", "stop_answered", "stop_failed", "prompt", "answered", "withdrawn", "plan_stale"),
-    *("cloud_unreadable", "code_changed"),
+    *("cloud_unreadable", "code_changed", "overwrote", "template_saved"),
     *("run_ready", "run_running", "run_paused", "run_succeeded", "run_failed", "run_stopped"),
 ]
 

@@ -139,7 +139,7 @@ class Engine:
             daemon=daemon,
             affordances=affordances,
             plans=plans,
-            prompts=Prompts(self._tell),
+            prompts=Prompts(self._tell, runtime.folder / f"{name}.prompts.json"),
             planner=planner,
             tip_pose=tip_pose,
             log=self._log,

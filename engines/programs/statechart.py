@@ -125,8 +125,11 @@ class Chart(Interpreter):
             return []
         # Other threads look while this one enters states, and may find inner ones without those around them. They take the
         # machine's values and not its states: it keeps the states that were read last, by whomever, and goes on with them.
-        found = [self._by_id[id] for id in self._machine.configuration_values if id in self._by_id]
-        active = {each.id for state in found for each in state.lineage()}
+        return self.with_parents(id for id in self._machine.configuration_values if id in self._by_id)
+
+    def with_parents(self, ids: Iterable[str]) -> list[str]:
+        """States and those around them, outermost first."""
+        active = {each.id for id in ids for each in self._by_id[id].lineage()}
         states = [state for state in self._by_id.values() if state.id in active]
         return [state.id for state in sorted(states, key=lambda state: len(list(state.lineage())))]
 

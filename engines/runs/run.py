@@ -148,7 +148,7 @@ class ProgramRun:
         if self._start.paused:
             self._gate.close()
             self._clock.stand()
-            self._tell(status="paused", active=list(self._start.states), detail=self._start.paused)
+            self._tell(status="paused", active=self._chart.with_parents(self._start.states), detail=self._start.paused)
         else:
             self._tell(status="running")
         self._began_ns = self.state.time_ns

@@ -333,7 +333,8 @@ class ProgramRun:
             doing = {state.id for state in self._deployed.program.states() if state.file.do not in ("", "program")}
             while (end := self._chart.ended) is False:
                 active = self._chart.active()
-                self._tell(active=active, data=self._data())
+                with self._lock:  # else a parameter that is set meanwhile would be told as it was before
+                    self._tell(active=active, data=self._data())
                 if doing.isdisjoint(active):  # nothing computes: what it waits for may be time itself
                     self._services.daemon.release_time()
                 self._chart.step()

@@ -51,6 +51,10 @@ class Child:
     ready_s: float = 240.0
     """from start to `NAME ready`; one that takes longer counts as dead. The first start after kernels have changed compiles them:
     a minute of a processor's time"""
+    says: str = ""
+    """the name in its `NAME ready`, where that is not its own"""
+    keep: bool = True
+    """False: one that has ended is forgotten, however it ended"""
 
 
 class State(enum.Enum):
@@ -174,6 +178,20 @@ class Supervisor:
             kept.restart_at = time.monotonic() + _RESTART_S
         elif kept.state is State.BACK_OFF:
             kept.start_at = time.monotonic()
+
+    def add(self, child: Child) -> None:
+        """Start one more, after all the others. Raises ValueError where there is one of that name."""
+        if child.name in self._kept:
+            raise ValueError(f"{child.name} is there already")
+        self._kept[child.name] = _Kept(child)
+
+    def ask_to_end(self, name: str) -> None:
+        """SIGTERM, and no waiting: for one that is not kept. Raises KeyError."""
+        kept = self._kept[name]
+        if kept.process is not None:
+            signal.pidfd_send_signal(kept.pidfd, signal.SIGTERM)
+        elif not kept.child.keep:
+            del self._kept[name]
 
     def hear(self, source: int | HasFileno, call: Callable[[], None]) -> None:
         """Have `call` called whenever there is something to read at `source`, until it is told to `forget` it."""
@@ -348,7 +366,7 @@ class Supervisor:
             lines, kept.partial[what] = [kept.partial[what]], b""
         for line in lines:
             text = line.decode(errors="replace").rstrip()
-            if what == "out" and text == f"{kept.child.name} ready" and kept.state is State.STARTING:
+            if what == "out" and text == f"{kept.child.says or kept.child.name} ready" and kept.state is State.STARTING:
                 took = time.monotonic() - kept.since
                 kept.ever_up = True
                 self._enter(kept, State.UP)
@@ -360,6 +378,11 @@ class Supervisor:
     def _died(self, kept: _Kept, *, first_start: bool) -> None:
         steady = kept.state is State.UP and time.monotonic() - kept.since > STEADY_S
         problem, status = self._bury(kept)
+        if not kept.child.keep:
+            self._say(kept.child.name, problem)
+            del self._kept[kept.child.name]
+            self._tell_health()
+            return
         if first_start and not kept.ever_up:
             kept.state = State.WAITING
             raise StartError(kept.child.name, problem, status)

@@ -51,7 +51,9 @@ from handrail.messages import (
     EngineInfo,
     GetRobot,
     InstanceState,
+    LinkEvent,
     LogLine,
+    Mark,
     PlanPreview,
     PlanProgress,
     PointCloud,
@@ -90,6 +92,7 @@ _AS_THEY_COME: dict[type, str] = {
     EngineInfo: "/engine",
     PortValue: "/port",
     Reach: "/reach",
+    Mark: "/mark",
 }
 _BACKWARDS_NS = 1_000_000_000
 
@@ -332,8 +335,8 @@ def listen(place: Runtime, out: Path, more: Callable[[Recording], None] | None =
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
 
-    endpoints = [place.endpoint(f"{who}.events") for who in ("daemon", "engine", "sensors")]
-    subscriber = Subscriber(endpoints, DaemonEvent | EngineEvent | SensorEvent, queue=100_000)
+    endpoints = [place.endpoint(f"{who}.events") for who in ("daemon", "engine", "sensors", "link")]
+    subscriber = Subscriber(endpoints, DaemonEvent | EngineEvent | SensorEvent | LinkEvent, queue=100_000)
     poller = zmq.Poller()
     poller.register(subscriber.socket, zmq.POLLIN)
     poller.register(ended, zmq.POLLIN)

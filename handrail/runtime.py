@@ -20,6 +20,15 @@ def memory_folder() -> Path:
     return next(Path(folder) for folder in candidates if folder and os.access(folder, os.W_OK | os.X_OK))
 
 
+def recordings_folder() -> Path:
+    """Where recordings are kept that are begun while the robot is up: ``$HANDRAIL_RECORDINGS``, else ``handrail/recordings`` under
+    ``$XDG_DATA_HOME`` (else ``~/.local/share``)."""
+    if chosen := os.environ.get("HANDRAIL_RECORDINGS"):
+        return Path(chosen).expanduser().absolute()
+    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(base).absolute() / "handrail" / "recordings"
+
+
 @dataclass(frozen=True)
 class Runtime:
     """The folder in which the local processes of one robot find each other."""

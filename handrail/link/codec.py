@@ -59,6 +59,7 @@ from handrail.messages import (
     GetRobot,
     GetRunHistory,
     GetSafety,
+    GetSamples,
     GetStatus,
     GuestCall,
     HoldInstance,
@@ -68,7 +69,9 @@ from handrail.messages import (
     KeepAlive,
     ListLibrary,
     ListNodes,
+    ListRecordings,
     MakePlan,
+    Mark,
     Message,
     MoveInstance,
     PauseAction,
@@ -100,7 +103,9 @@ from handrail.messages import (
     StartAction,
     StartBehaviour,
     StartNode,
+    StartRecording,
     Stop,
+    StopRecording,
     StreamJoints,
     StreamPose,
     TakeLease,
@@ -161,13 +166,14 @@ REMOTE_ANSWER: Any = Answer | NoAnswer
 CODE = (PutBundle, SaveProgram, SaveNode, RollBack, ReloadNode)
 """calls that change which code runs on the robot: a developer's. StartNode is none: it runs what the library has"""
 OBSERVING = (
+    *(ListRecordings, GetSamples),
     *(GetIdentity, GetRobot, GetStatus, GetSafety, GetProcesses, GetProcessLog),
     *(GetEngines, GetEngine, GetInstances, GetPlan, GetReach, GetRunHistory, GetOutline, GetNodes, WatchPort),
     *(ListLibrary, GetProgram, ListNodes, GetNodeSource, GetReleases, AwaitPlan, Stop),
 )
 """calls that change nothing, and STOP, which is everybody's: all that an observer may say"""
 SIGNED = (
-    RestartProcess,
+    *(RestartProcess, StartRecording, StopRecording, Mark),
     PutBundle,
     SaveProgram,
     SaveNode,
@@ -219,6 +225,8 @@ _TIMEOUTS_S: dict[type, float] = {
     StartNode: 60.0,
     ReloadNode: 60.0,
     PutNode: 30.0,
+    ListRecordings: 20.0,
+    GetSamples: 20.0,
 }
 _TIMEOUT_S = 5.0
 

@@ -30,15 +30,31 @@ from zmq.utils import z85
 from handrail.engines import FIRST, running
 from handrail.engines import of as engine_of
 from handrail.link import codec, keys, selections
+from handrail.link.archive import Archive
 from handrail.link.backend import Backend, Gone
 from handrail.link.guests import Guests, check_owner
 from handrail.link.selections import Selections
 from handrail.link.service import ask_supervisor
 from handrail.link.streams import LatestValues
-from handrail.messages import ClientIdentity, EngineInfo, Engines, GetEngines, GetIdentity, Ok, Refused, Stop, spec
+from handrail.messages import (
+    ClientIdentity,
+    EngineInfo,
+    Engines,
+    GetEngines,
+    GetIdentity,
+    GetSamples,
+    ListRecordings,
+    Mark,
+    Ok,
+    Recordings,
+    Refused,
+    Samples,
+    Stop,
+    spec,
+)
 from handrail.runtime import Runtime
 from handrail.stop import NoAnswer, stop_now
-from handrail.topics import RefusedError
+from handrail.topics import Publisher, RefusedError
 
 _log = logging.getLogger("handrail.link")
 
@@ -60,6 +76,7 @@ _DOMAIN = "handrail"
 
 
 _engines_decoder = msgspec.msgpack.Decoder(Engines)
+_answers = msgspec.msgpack.Decoder(Recordings | Samples | Refused)
 
 
 class PortTaken(Exception):
@@ -105,6 +122,8 @@ class Gate:
         self._engines = {FIRST: self._backend(FIRST)}
         """those that are known to be there, and the first one"""
         self._inside = self._context.socket(zmq.SUB)
+        self._archive = Archive()
+        self._marks = Publisher(runtime.endpoint("link.events"))
         self._guests = Guests(runtime, self._context)
         self._unpacker = codec.Unpacker(codec.REMOTE_CALL, codec.LARGEST_CALL)
         self._unpacker_of_engines = codec.Unpacker(codec.REMOTE_CALL_OF_ENGINES, codec.LARGEST_CALL)
@@ -168,6 +187,7 @@ class Gate:
             self._authenticator.stop()
             self._daemon.close()
             self._guests.close()
+            self._marks.close()
             for engine in self._engines.values():
                 engine.close()
             self._context.destroy(linger=0)
@@ -244,8 +264,13 @@ class Gate:
             if isinstance(message, GetEngines) and not message.engine:
                 await self._answer(identity, number, Engines(engines=await self._all_engines()))
                 return
+            if isinstance(message, ListRecordings | GetSamples):
+                await self._answer(identity, number, await self._look_up(message))
+                return
             if isinstance(message, codec.SERVICE_CALLS):
                 answer = await self._ask_supervisor(message)
+                if isinstance(message, Mark) and isinstance(self._unpack_answer(answer), Ok):
+                    self._marks.send(message)
                 await self._calls.send_multipart((identity, number, answer))
                 return
             backend = self._daemon
@@ -281,6 +306,23 @@ class Gate:
         except Gone as problem:
             return self._packer.pack(codec.NoAnswer(message=f"{name}: {problem}"))
         return self._packer.pack_encoded(encoded)
+
+    def _unpack_answer(self, packed: bytes) -> Any:
+        return codec.Unpacker(codec.REMOTE_ANSWER, codec.LARGEST_ANSWER).unpack(packed)
+
+    async def _look_up(self, message: ListRecordings | GetSamples) -> msgspec.Struct:
+        """What a process of its own reads in recordings, with what the supervisor knows of the one that is being made."""
+        try:
+            found = _answers.decode(await self._archive.ask(message, codec.timeout_s(type(message)) - 1.0))
+        except Gone as problem:
+            return codec.NoAnswer(message=str(problem))
+        if not isinstance(found, Recordings):
+            return found
+        now = self._unpack_answer(await self._ask_supervisor(message))
+        if not isinstance(now, Recordings) or not now.running:
+            return found
+        others = [each for each in found.recordings if each.name != now.running]
+        return msgspec.structs.replace(found, recordings=others, running=now.running, running_s=now.running_s)
 
     async def _guest(self, message: Any, key: bytes) -> msgspec.Struct | None:
         """The answer to an engine on another machine. Raises RefusedError."""

@@ -234,6 +234,19 @@ from handrail.messages.prompts import (
     PromptClosed,
 )
 from handrail.messages.reach import GetReach, Reach, WaypointReach
+from handrail.messages.recordings import (
+    BaseAt,
+    GetSamples,
+    InstanceAt,
+    ListRecordings,
+    Mark,
+    MarkedAt,
+    RecordingInfo,
+    Recordings,
+    Samples,
+    StartRecording,
+    StopRecording,
+)
 from handrail.messages.references import (
     FixedPose,
     FrameLine,
@@ -300,6 +313,7 @@ __all__ = [
     "Attachment",
     "AwaitPlan",
     "Base",
+    "BaseAt",
     "BindKeepalive",
     "BundleState",
     "BusStatistics",
@@ -377,6 +391,7 @@ __all__ = [
     "GetRobot",
     "GetRunHistory",
     "GetSafety",
+    "GetSamples",
     "GetStatus",
     "GetTiming",
     "Goal",
@@ -391,6 +406,7 @@ __all__ = [
     "HoldInstance",
     "HoldTime",
     "ImuState",
+    "InstanceAt",
     "InstanceEdit",
     "InstanceState",
     "Instances",
@@ -407,13 +423,17 @@ __all__ = [
     "LeaseState",
     "Library",
     "LibraryEntry",
+    "LinkEvent",
     "ListLibrary",
     "ListNodes",
+    "ListRecordings",
     "LoadController",
     "LogLine",
     "LoopStatistics",
     "LoopTiming",
     "MakePlan",
+    "Mark",
+    "MarkedAt",
     "Message",
     "Motion",
     "MoveInstance",
@@ -464,6 +484,8 @@ __all__ = [
     "PutNode",
     "RankChoices",
     "Reach",
+    "RecordingInfo",
+    "Recordings",
     "RedoEdit",
     "Reference",
     "Refused",
@@ -492,6 +514,7 @@ __all__ = [
     "SafetyRule",
     "Said",
     "SaidLine",
+    "Samples",
     "SaveNode",
     "SaveProgram",
     "SaveTemplate",
@@ -510,12 +533,14 @@ __all__ = [
     "StartAction",
     "StartBehaviour",
     "StartNode",
+    "StartRecording",
     "StateVisit",
     "Step",
     "StepMotion",
     "StepRun",
     "Stop",
     "StopNode",
+    "StopRecording",
     "StopRun",
     "StreamJoints",
     "StreamPose",
@@ -685,10 +710,12 @@ EngineCall = (
 )
 GuestCall = FetchCalls | EngineSays
 """what an engine on another machine asks the gate"""
-ServiceCall = GetProcesses | GetProcessLog | RestartProcess
+ServiceCall = GetProcesses | GetProcessLog | RestartProcess | StartRecording | StopRecording | Mark | ListRecordings
 """what the supervisor of the robot's service answers"""
-GateCall = GetIdentity
+GateCall = GetIdentity | GetSamples
 """what the link answers itself"""
+LinkEvent = Mark
+"""what the link tells on the robot's own side (topic `link.events`)"""
 EngineEvent = (
     InstanceState
     | PlanPreview
@@ -744,4 +771,6 @@ Answer = (
     | Processes
     | ProcessLog
     | ClientIdentity
+    | Recordings
+    | Samples
 )

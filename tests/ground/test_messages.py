@@ -14,7 +14,7 @@ CALLS_AND_EVENTS = [
     *messages.EngineEvent.__args__,
     *messages.GuestCall.__args__,
     *messages.ServiceCall.__args__,
-    messages.GetIdentity,
+    *messages.GateCall.__args__,
     messages.PointCloud,
     messages.GroundTruth,
 ]

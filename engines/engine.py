@@ -376,6 +376,7 @@ class Engine:
         workspace.use(self._releases.folder)
         self._log("info", f"release {release.number}: {release.program}, deployed by {release.by}")
         self._tell(m.CodeChanged(engine=self._name, release=release))
+        self._edit_run()
         self._tell(self._info())
 
     def _await_plan(self, call: m.AwaitPlan) -> m.PlanPreview | Future[m.PlanPreview]:
@@ -436,8 +437,42 @@ class Engine:
                 raise refuse("the program can't be deployed", "program", call.program, str(problem)) from problem
             deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
         self._keep(deployed)
+        self._edited(deployed, call.parameters)
         warnings = self._learner.before(deployed)
         return m.Deployment(id=deployed.id, program=program.name, hash=program.hash, warnings=warnings)
+
+    def _edited(self, deployed: Deployed, parameters: Mapping[str, Any]) -> None:
+        """Where it is another version of what runs, with the same bound: the run goes on in that, when it can."""
+        run = self._run
+        if run is None or not run.active or not deployed.newer_than(run.deployed):
+            return
+
+        def go_on_from(state: str) -> None:
+            try:
+                self._run_from(m.RunFrom(state=state, deployment=deployed.id)).result()
+            except RefusedError as refused:
+                self._log("error", f"{deployed.program.name}: {refused}")
+
+        run.edit(deployed, parameters, go_on_from)
+
+    def _edit_run(self) -> None:
+        """Code has changed: what runs may be another version now."""
+        run = self._run
+        if run is None or not run.active:
+            return
+        name, bindings = run.deployed.program.name, dict(run.deployed.bindings)
+        try:
+            with workspace.pinned(workspace.deployed()):
+                program = library.named(name)
+                if program.same_as(run.deployed.program):
+                    return
+                call = m.Deploy(program=name, bindings=bindings)
+                newer = deployment.deploy(call, program, self._services.description, self._services.affordances)
+        except (ConfigError, RefusedError) as problem:
+            self._log("warning", f"{name} goes on in the version that runs: {problem}")
+            return
+        self._keep(newer)
+        self._edited(newer, {})
 
     def _keep(self, deployed: Deployed) -> None:
         self._deployments[deployed.id] = deployed
@@ -485,7 +520,7 @@ class Engine:
             run = ProgramRun(
                 deployed,
                 self._services,
-                functools.partial(self._run_changed, deployed),
+                self._run_changed,
                 breakpoints=self._breakpoints & doing,
                 autonomy=self._autonomy,
                 start=start,

@@ -38,6 +38,11 @@ class Deployed:
         templates = {f"{TEMPLATE}{name}": template for name, template in self.templates.items()}
         return {**self.program.variables, **self.parameters, **self.bindings, **templates}
 
+    def newer_than(self, other: Deployed) -> bool:
+        """Whether it is another version of the same program, bound to the same."""
+        same = (self.program.name, self.bindings) == (other.program.name, other.bindings)
+        return same and not self.program.same_as(other.program)
+
 
 def deploy(request: Deploy, program: Program, description: RobotDescription, affordances: AffordanceServer) -> Deployed:
     """Bind a program. Refused, naming field, value and expectation, where a binding or a parameter is missing, unknown or wrong."""

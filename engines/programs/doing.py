@@ -64,6 +64,10 @@ class Doing:
                 self._running[left] = (state, None)
             self._threads.run(functools.partial(self._run, state, left))
 
+    def belongs_to(self, chart: Chart) -> None:
+        """The states are another chart's from now on, of a newer version of the program; what they do goes on."""
+        self._chart = chart
+
     def left(self, left: threading.Event) -> None:
         """A state was left, and `left` is set: what it does is cancelled."""
         if self._entered.pop(left, None) is None:

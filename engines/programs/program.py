@@ -133,6 +133,10 @@ class Program:
         """Its resources that are instances."""
         return [name for name, resource in self.resources.items() if resource.kind == "instance"]
 
+    def same_as(self, other: Program) -> bool:
+        """Whether it is the same version, and so is all that it runs."""
+        return (self.text, self.texts) == (other.text, other.texts)
+
     def remembers(self) -> frozenset[str]:
         """Names of all that a run of it remembers: its variables, and variables and parameters of what its states run."""
         called = [(state.id, state.called) for state in self.states() if state.called is not None]

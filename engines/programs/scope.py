@@ -228,6 +228,23 @@ class Scopes:
         """What counts instead of a program's first values."""
         return self._restored.get(id, {})
 
+    def take_over(self, old: Scopes, active: frozenset[str]) -> None:
+        """Go on from where the scopes of an older version are: those of the program, and of what active states run.
+
+        What was only changed in the file (a new variable, a constant) is as the file says.
+        """
+        for id, scope in self._all.items():
+            before = old._all.get(id)
+            if before is None or (id and id not in active):
+                continue
+            scope.entered, scope.problem, scope.reason = before.entered, before.problem, before.reason
+            names = {*scope.program.variables, "failure", "autonomy_level"}
+            if id:
+                names |= {*scope.program.parameters, *scope.program.resources}
+                names |= {f"{TEMPLATE}{name}" for name in scope.program.instances}
+            names |= {f"{RETRIES}{state.name}" for state in scope.program.own_states() if state.file.retry}
+            scope.set({name: getattr(before.data, name) for name in names if hasattr(before.data, name)})
+
     def keep_restored(self, ids: frozenset[str]) -> None:
         """Of these programs only: any other begins as its file says."""
         self._restored = {id: values for id, values in self._restored.items() if id in ids}

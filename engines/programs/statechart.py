@@ -32,6 +32,9 @@ from engines.runs.history import RunHistory
 _FOR_GOOD = frozenset({"bad_argument", "cancelled", "crashed", "refused", "stopped", "taken_over"})
 """reasons of failures that another attempt would not change, or that somebody wants"""
 
+EDITED = "handrail.edited"
+"""that another version of the program waits: whoever drives the chart looks; the program itself never hears of it"""
+
 Make = Callable[[State, Mapping[str, Any]], Activity]
 """state, its activity's argument values → the activity"""
 
@@ -74,6 +77,8 @@ class Chart(Interpreter):
         self.outlasts = outlasts
         self._ask, self._withdraw, self._event = ask, withdraw, Event("")
         self._timeouts: dict[str, list[Callable[[], None]]] = {}
+        self._since: dict[str, float] = {}
+        """active state → s of the run's time when it was entered"""
         self._visits: dict[str, threading.Event] = {}
         """active state → set when it is left"""
         self._doing = Doing(self)
@@ -100,13 +105,64 @@ class Chart(Interpreter):
         self._doing.begin()
         self._scopes.keep_restored(frozenset())
 
+    def takes_over(self, old: Chart) -> list[str]:
+        """Begin where a chart of an older version of the program is (see `missing_in`), which is of no use then.
+
+        What its states do goes on, but for what the new version does otherwise in them, which begins anew. What has happened and
+        was not carried out yet is carried out by the new version.
+
+        :return: the states whose activity begins anew
+        """
+        self._events, self._doing, self._fresh = old._events, old._doing, old._fresh & self._by_id.keys()
+        self._visits, self._since = old._visits, old._since
+        self._scopes.take_over(old._scopes, frozenset(self._visits))
+        for id in self._visits:
+            for take_back in old._timeouts.pop(id, []):
+                take_back()
+            self._begin_timeouts(self._by_id[id])
+        anew = [id for id in self._visits if _does_otherwise(old._by_id[id], self._by_id[id])]
+        for id in anew:
+            self._visits[id].set()
+            self._doing.left(self._visits[id])
+        self._doing.belongs_to(self)
+        for id in anew:
+            self._visits[id] = threading.Event()
+            if self._by_id[id].file.do and self._by_id[id].called is None:
+                self._doing.entered(self._by_id[id], self._visits[id])
+        before = old._machine
+        self._scopes.own.data.state = type(before.configuration_values)(before.configuration_values)
+        self._machine = self.scs[self.program.name](model=self._scopes.own.data, listeners=[self])
+        there = {state.id: state for state in self._machine.states_map.values()}
+        for name, states in before.history_values.items():
+            if all(state.id in there for state in states):
+                self._machine.history_values[name] = [there[state.id] for state in states]
+        self._doing.begin()
+        return anew
+
+    def missing_in(self, program: Program) -> str:
+        """An active state that another version of the program has not, or not in the same place; empty: it can take over."""
+        states, active = {state.id: state for state in program.states()}, self.active()
+        for id in reversed(active):
+            if id not in states:
+                return id
+        for id in active:
+            state, before = states[id], self._by_id[id]
+            if [each.id for each in state.lineage()] != [each.id for each in before.lineage()]:
+                return id
+            inside = {child.id for child in state.children}.intersection(active)
+            if (state.called is None) != (before.called is None) or state.file.final != before.file.final:
+                return id
+            if len(inside) != (len(state.children) if state.file.parallel else min(1, len(state.children))):
+                return id
+        return ""
+
     def step(self, timeout_s: float | None = None) -> bool:
         """Wait for the next event and carry out all that follows from it. False when none came in time (None: for ever)."""
         try:
             event = self._event = self._events.get(timeout=timeout_s)
         except queue.Empty:
             return False
-        if event.left is None or not event.left.is_set():
+        if event.name != EDITED and (event.left is None or not event.left.is_set()):
             self._machine.send(event.name, **event.data)
             self._doing.begin()
         return True
@@ -234,9 +290,13 @@ class Chart(Interpreter):
             self._doing.entered(found, self._visits[state.id])
         elif found.file.final and found.parent is not None and found.parent.called is not None:
             self._end_program(found.parent, found)
-        for k, way in enumerate(found.transitions):
+        self._since[state.id] = self._clock.elapsed_s
+        self._begin_timeouts(found)
+
+    def _begin_timeouts(self, state: State) -> None:
+        for k, way in enumerate(state.transitions):
             if way.file.after is not None:
-                self._begin_timeout(found, f"{AFTER}.{found.id}.{k}", way.file.after)
+                self._begin_timeout(state, f"{AFTER}.{state.id}.{k}", way.file.after)
 
     def _begin_program(self, state: State) -> None:
         scope = self._scopes[state.id]
@@ -278,7 +338,8 @@ class Chart(Interpreter):
             text = f"{state.id}: after: {after!r} is no time: {problem}"
             self.post(Event("error.execution", {"message": text, "reason": "bad_argument", "_source": state.id}, left))
             return
-        take_back = self._clock.after(seconds, lambda: self.post(Event(event, left=left)))
+        gone = self._clock.elapsed_s - self._since[state.id]
+        take_back = self._clock.after(max(seconds - gone, 0.0), lambda: self.post(Event(event, left=left)))
         self._timeouts.setdefault(state.id, []).append(take_back)
 
     def on_exit_state(self, state: Any, event: Any) -> None:
@@ -306,6 +367,7 @@ class Chart(Interpreter):
 
     def make_activity(self, state: State) -> Activity:
         """The activity of a state that was just entered, with its arguments' values. Raises ActivityFailed where one has none."""
+        state = self._by_id[state.id]  # of a newer version, where it has waited at the gate meanwhile
         return self._make(state, self.arguments(state))
 
     def arguments(self, state: State) -> Mapping[str, Any]:
@@ -325,6 +387,10 @@ class Chart(Interpreter):
         around = [each.id for each in state.lineage() if each.id in self._fresh]
         self._fresh.difference_update(around)
         return self.gate.admit(state.id, cancelled, within=around)
+
+
+def _does_otherwise(old: State, new: State) -> bool:
+    return (old.file.do, old.file.with_) != (new.file.do, new.file.with_) and (old.called is None or new.called is None)
 
 
 def _told(event: str) -> str:

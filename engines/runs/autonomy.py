@@ -70,6 +70,12 @@ class Permissions:
             return
         threading.Thread(target=self._wait, args=(key, prompt.id), name=f"ask {question.state}", daemon=True).start()
 
+    @property
+    def asked(self) -> bool:
+        """Whether a way out waits for the operator."""
+        with self._lock:
+            return bool(self._open)
+
     def withdraw(self, state: str | None = None) -> None:
         """The state was left (None: the run has ended): nobody needs an answer any more."""
         with self._lock:

@@ -35,6 +35,12 @@ class RunClock:
         for call in ready:
             call()
 
+    @property
+    def elapsed_s(self) -> float:
+        """s that the run has had."""
+        with self._lock:
+            return self._elapsed / 1e9
+
     def skip(self) -> bool:
         """Let the time go by until what is due next, and call it. False when nothing is."""
         with self._lock:

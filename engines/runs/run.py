@@ -17,10 +17,11 @@ from engines.activities.base import Activity, ActivityFailed, Context, Services
 from engines.learning.facts import RunNotes
 from engines.learning.learner import RunWatch
 from engines.programs.deployment import Deployed, check_breakpoints, check_parameters
-from engines.programs.program import State
-from engines.programs.statechart import Chart
+from engines.programs.program import Program, State
+from engines.programs.statechart import EDITED, Chart, Event
 from engines.runs.autonomy import Permissions, Question
 from engines.runs.clock import RunClock
+from engines.runs.edit import Edit
 from engines.runs.gate import RunGate
 from engines.runs.history import RunHistory
 from engines.runs.job import reach
@@ -61,7 +62,7 @@ class ProgramRun:
         self,
         deployed: Deployed,
         services: Services,
-        publish: Callable[[RunState], None],
+        publish: Callable[[Deployed, RunState], None],
         *,
         breakpoints: Iterable[str] = (),
         autonomy: str = "full",
@@ -69,8 +70,8 @@ class ProgramRun:
         seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
         watch: RunWatch | None = None,
     ):
-        """`publish` is told of every change; `seeds`: state → where its plans ended in a rehearsal; `watch` compares it with past
-        runs.
+        """`publish` is told of every change, and in which version; `seeds`: state → where its plans ended in a rehearsal; `watch`
+        compares it with past runs.
 
         Raises ValueError where `start` names states that can't be active together.
         """
@@ -92,19 +93,7 @@ class ProgramRun:
         self._history = RunHistory(lambda: services.daemon.time_ns)
         names = {**deployed.names(), **self._start.variables, **self._parameters}
         self._permissions = Permissions(services.prompts, self._context.run, self._allow, services.log, autonomy)
-        self._chart = Chart(
-            program,
-            names,
-            self._activity,
-            gate=self._gate,
-            clock=self._clock,
-            history=self._history,
-            ask=self._permissions.ask,
-            withdraw=self._permissions.withdraw,
-            start_at=self._start.states,
-            outlasts=services.outlasts,
-            log=services.log,
-        )
+        self._chart = self._chart_of(program, names, self._start.states)
         self._chart.set_autonomy(autonomy)
         self._lock = threading.RLock()
         self._state = RunState(
@@ -119,9 +108,26 @@ class ProgramRun:
             autonomy=autonomy,
         )
         self._stopping = False
+        self._doing = _doing(program)
+        self._edit = Edit(services, self._context.run)
         self._unmet: list[str] = []
         """pre-conditions that were not met when it was last to go on, and told"""
         self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
+
+    def _chart_of(self, program: Program, names: Mapping[str, Any], start_at: Iterable[str] = ()) -> Chart:
+        return Chart(
+            program,
+            names,
+            self._activity,
+            gate=self._gate,
+            clock=self._clock,
+            history=self._history,
+            ask=self._permissions.ask,
+            withdraw=self._permissions.withdraw,
+            start_at=start_at,
+            outlasts=self._services.outlasts,
+            log=self._services.log,
+        )
 
     @property
     def state(self) -> RunState:
@@ -278,6 +284,39 @@ class ProgramRun:
             remembered, parameters = {name: remembered[name] for name in remembered if name in known}, {}
         return Start((state,), remembered, parameters, paused=why)
 
+    def edit(self, newer: Deployed, parameters: Mapping[str, Any], go_on_from: Callable[[str], None]) -> None:
+        """Go on in another version of the program, once the active states are there; until then, the operator is asked.
+
+        :param parameters: that have other values from then on
+        :param go_on_from: has a run of that version begin in a state, in this one's stead
+        """
+        self._edit.wanted(newer, parameters, go_on_from)
+        self._chart.post(Event(EDITED))
+
+    def _go_over(self) -> bool:
+        """Where another version waits, and has a place for what is active: go on in that one. Between two macrosteps."""
+        newer = self._edit.newer
+        if newer is None or self._permissions.asked:  # a way out that is asked about is this version's
+            return False
+        program = newer.program
+        if missing := self._chart.missing_in(program):
+            self._edit.ask(missing, self.stop)
+            return False
+        with self._lock:
+            kept = {name: value for name, value in self._parameters.items() if not program.problem(name, value)[0]}
+            self._deployed, self._parameters = newer, {**newer.parameters, **kept, **self._edit.parameters}
+            self._edit.done()
+            chart = self._chart_of(program, {**newer.names(), **self._parameters})
+            anew = chart.takes_over(self._chart)
+            chart.set_autonomy(self._state.autonomy)
+            self._chart, self._doing = chart, _doing(program)
+            halting = {state.id for state in program.states() if state.file.do}
+            self._gate.set_breakpoints(halting.intersection(self._gate.breakpoints))
+            self._tell(deployment=newer.id, hash=program.hash, active=chart.active(), data=self._data())
+        begun = f"; {', '.join(anew)} begins anew, for it does something else now" if anew else ""
+        self._services.log("info", f"{program.name} was edited: the run goes on in version {program.hash}{begun}")
+        return True
+
     def stop(self) -> None:
         """Cancel the motion and end; the robot holds. Refused when it has ended already."""
         if not self.active:
@@ -330,12 +369,13 @@ class ProgramRun:
             self._services.daemon.hold_time(HOLD_S)
         try:
             self._chart.begin()
-            doing = {state.id for state in self._deployed.program.states() if state.file.do not in ("", "program")}
             while (end := self._chart.ended) is False:
+                if self._go_over():
+                    continue
                 active = self._chart.active()
                 with self._lock:  # else a parameter that is set meanwhile would be told as it was before
                     self._tell(active=active, data=self._data())
-                if doing.isdisjoint(active):  # nothing computes: what it waits for may be time itself
+                if self._doing.isdisjoint(active):  # nothing computes: what it waits for may be time itself
                     self._services.daemon.release_time()
                 self._chart.step()
             if isinstance(end, State):
@@ -349,6 +389,7 @@ class ProgramRun:
             self._chart.abandon()
         finally:
             self._permissions.withdraw()
+            self._edit.done()
             self._services.daemon.tell_no_time(self._clock.tick)
             self._services.daemon.release_time()
         if not self._motion.settled(_SETTLE_S):
@@ -380,4 +421,9 @@ class ProgramRun:
             if msgspec.structs.replace(state, time_ns=self._state.time_ns) == self._state:
                 return
             self._state = state
-            self._publish(state)
+            self._publish(self._deployed, state)
+
+
+def _doing(program: Program) -> frozenset[str]:
+    """States that do something themselves."""
+    return frozenset(state.id for state in program.states() if state.file.do not in ("", "program"))

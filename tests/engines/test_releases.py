@@ -96,7 +96,7 @@ def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the
     assert stack.call(put("one?", "first")).release.number == 1
     run = stack.run("nod")
     first = stack.prompt(1)
-    assert stack.call(put("two?", "second")).release.number == 2
+    assert stack.call(put("one?", "second")).release.number == 2
     assert stack.wait(lambda e: isinstance(e, m.CodeChanged) and e.release.number == 2).engine == "engine"
     stack.call(m.AnswerPrompt(id=first.id, answer="go", by="test"))
     ended = stack.ended()
@@ -104,11 +104,22 @@ def test_a_run_goes_on_with_the_code_that_it_began_with_and_the_next_one_has_the
     assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["first"]
 
     again = stack.run("nod")
-    assert again.hash != run.hash
-    assert stack.prompt(2).text == "two?"
     stack.call(m.AnswerPrompt(id=stack.prompt(2).id, answer="go", by="test"))
     stack.wait(lambda e: isinstance(e, m.RunState) and e.run == again.run and e.status == "succeeded")
     assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["first", "second"]
+
+
+def test_a_run_whose_own_program_is_another_one_by_now_goes_on_in_that_with_its_behaviours(stack, daemon):
+    stack.call(put("one?", "first"))
+    run = stack.run("nod")
+    first = stack.prompt(1)
+    stack.call(put("two?", "second"))
+    assert stack.prompt(2).text == "two?", "what it asks otherwise now is asked anew"
+    assert "withdrawn" in stack.refusal(m.AnswerPrompt(id=first.id, answer="go")).message
+    stack.call(m.AnswerPrompt(id=stack.prompt(2).id, answer="go", by="test"))
+    ended = stack.ended()
+    assert (ended.run, ended.status) == (run.run, "succeeded") and ended.hash != run.hash
+    assert [call.steps[0].name for call in daemon.calls if isinstance(call, m.StartBehaviour)] == ["second"]
 
 
 def test_what_is_deployed_survives_a_restart_and_goes_when_it_is_rolled_back(start):

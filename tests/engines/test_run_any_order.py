@@ -4,12 +4,14 @@ that is killed loses nothing that it has told.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from types import SimpleNamespace
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from engines.programs import library
 from handrail import messages as m
 from handrail.topics import RefusedError
 
@@ -29,6 +31,7 @@ CALLS = {
     "set": lambda deployed: m.SetRunParameters(parameters={"goal_deg": 77}),
     "less autonomy": lambda deployed: m.SetAutonomy(level="low"),
 }
+TEXT = library.files()["turn_valve"].read_text()
 ENDED = ("stopped", "failed", "succeeded")
 
 
@@ -57,16 +60,25 @@ class History:
         self.closed: Counter[str] = Counter()
         self._left: set[str] = set()
         """open ones that the engine before left to the next one"""
-        self._heard, self._kills = 0, 0
+        self._heard = self._kills = self._edits = 0
         self.engine = start()
         self.engine.place()
 
     def deploy(self) -> str:
         return self.engine.call(m.Deploy(program="turn_valve", bindings={"arm": "right", "valve": "wheel_1"})).id
 
+    def edit(self) -> None:
+        """The program is saved anew, with another state's name or without it: it goes on so, or asks."""
+        self._edits += 1
+        text = TEXT.replace("variables:", f"variables:\n  edit: {self._edits}", 1)
+        if self._edits % 2:
+            text = re.sub(r"\bconfirming\b", "asking", text)
+        there = self.engine.call(m.GetProgram(program="turn_valve")).text
+        do(self.engine, m.SaveProgram(program="turn_valve", text=text, was=there))
+
     def approve(self) -> None:
         for prompt in self.engine.call(m.GetEngine()).prompts:
-            do(self.engine, m.AnswerPrompt(id=prompt.id, answer="approve"))
+            do(self.engine, m.AnswerPrompt(id=prompt.id, answer=prompt.options[0]))
 
     def kill(self) -> None:
         """One that is killed tells and writes nothing any more; what it moved the daemon ends, for want of its owner.
@@ -133,7 +145,7 @@ class History:
         assert all(self.closed[id] == 1 for id in self.asked)
 
 
-@given(st.lists(st.sampled_from([*CALLS, "approve", "approve", "run", "kill"]), min_size=3, max_size=8))
+@given(st.lists(st.sampled_from([*CALLS, "approve", "approve", "run", "edit", "kill"]), min_size=3, max_size=8))
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
 def check(history, orders):
     """One life of an operator with one engine after another."""
@@ -144,6 +156,8 @@ def check(history, orders):
     for order in orders:
         if order == "approve":
             history.approve()
+        elif order == "edit":
+            history.edit()
         elif order == "kill":
             history.kill()
             deployed = history.deploy()

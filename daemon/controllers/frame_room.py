@@ -13,13 +13,15 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.controllers.references import HORIZON, LEAST_ROOM, MAX_RATE_CHANGE, MAX_RATE_JERK, LinePath
+from daemon.controllers.references import HORIZON, LEAST_ROOM, MAX_RATE_CHANGE, MAX_RATE_JERK, HermitePath, LinePath
 from handrail.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 
 _JACOBIAN_DAMPING = 0.05
 _LOOKS = 21
+_SHORTEST = 0.05
+"""s over which gains change at least: what is left of a path may be next to nothing"""
 
 
 def damped_inverse(jacobian: Array) -> Array:
@@ -59,6 +61,27 @@ def frame_room(
     return left(
         np.array((most * slope, most * bend + turn * slope**2, most * twitch + 3 * turn * slope * bend)), limits
     )
+
+
+def point_room(
+    path: HermitePath, s: float, kinematics: Kinematics, frame: str, rows: NDArray[np.int64], position: Array,
+    limits: Array, axes: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """As `frame_room`, of a path of three columns in m: how the gains change is looked at over that second as a whole."""
+    ahead = min(s + HORIZON, path.length)
+    here, way = _gain(kinematics, frame, rows, position, axes), path.place(ahead) - path.place(s)
+    then = position.copy()
+    then[rows] += here @ way
+    there = _gain(kinematics, frame, rows, then, axes)
+    most = np.maximum(np.abs(here), np.abs(there))
+    change = np.abs(there - here) / max(ahead - s, _SHORTEST)
+    speed, bend, twitch = path.most(s)
+    return left(np.array((most @ speed, most @ bend + change @ speed, most @ twitch + 3 * change @ bend)), limits)
+
+
+def _gain(kinematics: Kinematics, frame: str, rows: NDArray[np.int64], position: Array, axes: Array) -> Array:
+    """(m, 3) of joints' velocities over a frame's, which does not turn."""
+    return damped_inverse(kinematics.jacobian(position, frame)[:, rows])[:, :3] @ axes
 
 
 def left(most: Array, limits: Array) -> tuple[float, float]:

@@ -179,6 +179,17 @@ class HermitePath:
         """Write position (m,) rad and its derivative by s (m,) rad/s; s only grows from call to call, beyond the end it stays."""
         self.at = hermite(s, self.at, self.knots, position, velocity)
 
+    def place(self, s: float) -> Array:
+        """(m,) rad, at any s, which changes nothing."""
+        position = np.empty((self.knots.shape[1] - 1) // 2)
+        hermite(s, 0, self.knots, position, np.empty_like(position))
+        return position
+
+    def most(self, s: float) -> Array:
+        """(3, m) the most of velocity, acceleration and jerk by s in the next second from s on, by size."""
+        first = max(int(np.searchsorted(self.knots[:, 0], s, side="right")) - 1, 0)
+        return _most(min(first, len(self.knots) - 1), self.knots)  # type: ignore[no-any-return]
+
     def room(self, limits: Array) -> tuple[float, float]:
         """The rate's acceleration 1/s and jerk 1/s² for which the next second of the path leaves room.
 
@@ -210,7 +221,7 @@ def hermite(s, at, knots, position, velocity):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _room(at, knots, limits):  # type: ignore[no-untyped-def]
+def _most(at, knots):  # type: ignore[no-untyped-def]
     m = (knots.shape[1] - 1) // 2
     until = knots[at, 0] + HORIZON
     most = np.zeros((3, m))  # of each joint's velocity, acceleration and jerk by s
@@ -225,6 +236,12 @@ def _room(at, knots, limits):  # type: ignore[no-untyped-def]
             hard = max(abs(6.0 * slope - 4.0 * v0 - 2.0 * v1), abs(2.0 * v0 + 4.0 * v1 - 6.0 * slope)) * per
             most[1, j] = max(most[1, j], hard)
             most[2, j] = max(most[2, j], 6.0 * abs(v0 + v1 - 2.0 * slope) * per * per)
+    return most
+
+
+@compiled
+def _room(at, knots, limits):  # type: ignore[no-untyped-def]
+    most, m = _most(at, knots), limits.shape[1]
     change, jerk = MAX_RATE_CHANGE, MAX_RATE_JERK
     for j in range(m):
         change = min(change, max(limits[0, j] - most[1, j], LEAST_ROOM * limits[0, j]) / (most[0, j] + 1e-12))

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController, NotStandingError
-from daemon.controllers.frame_room import frame_room, least
+from daemon.controllers.frame_room import frame_room, least, point_room
 from daemon.controllers.references import HermitePath, LinePath, PathClock, placement
 from daemon.state.robot_state import RobotState
 from daemon.wbc import moving
@@ -18,7 +18,15 @@ from daemon.wbc.handle import Handle
 from daemon.wbc.hierarchy import WholeBody
 from daemon.wbc.impedance import Easing, ImpedanceOutput
 from daemon.wbc.model import WholeBodyModel
-from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, Over, Reference, StreamedPose
+from daemon.wbc.references import (
+    FrameTrajectory,
+    JointTrajectory,
+    Leashes,
+    Over,
+    PointTrajectory,
+    Reference,
+    StreamedPose,
+)
 from daemon.wbc.standing import standing_on, upright
 from daemon.wbc.tasks import COM, SE3, CartPos, QuaternionOrientation
 from hal.joint import JointCommand, Mode
@@ -81,6 +89,7 @@ class WholeBodyControl(MotionController):
         self._drives = np.ascontiguousarray(drives[:, self.joints])
         self._streams: dict[str, StreamedPose] = {}
         self._lines: list[tuple[CartPos | QuaternionOrientation | SE3, LinePath]] = []
+        self._points: list[tuple[CartPos | QuaternionOrientation | SE3, HermitePath]] = []
         self._knots: list[HermitePath] = []
         """trajectories among the references, of frames and of postures"""
         tasks = [task for level in compound.levels for task in level]
@@ -115,7 +124,7 @@ class WholeBodyControl(MotionController):
         else:
             self._model.place(last.position, still)
         self.body.start_here()
-        self._lines, self._knots = [], []
+        self._lines, self._points, self._knots = [], [], []
         references = [self._reference(reference, robot, last) for reference in self._motion.references]
         self.clock.room = lambda: self._room(robot)
         references += [
@@ -148,6 +157,11 @@ class WholeBodyControl(MotionController):
         place = (rows, robot.joints.position, limits[:, rows])
         # Kinematics are seen from the base; lines are in the world, or in the frame that their task is relative to.
         base = pin.XYZQUATToSE3(robot.base.pose).rotation if self._model.free else np.eye(3)
+        turned = [(task, path, base.T @ self._model.frame(task.relative_to).rotation) for task, path in self._points]
+        points = [
+            point_room(path, self.clock.s, robot.kinematics, task.frame, *place, axes=axes)
+            for task, path, axes in turned
+        ]
         lines = [
             frame_room(
                 path, self.clock.s, robot.kinematics, task.frame, *place,
@@ -155,7 +169,7 @@ class WholeBodyControl(MotionController):
             )
             for task, path in self._lines
         ]  # fmt: skip
-        return least([*lines, *(path.room(limits) for path in self._knots)])
+        return least([*lines, *points, *(path.room(limits) for path in self._knots)])
 
     def receive(self, task: str, position: Array | None, orientation: Array | None, velocity: Array) -> bool:
         stream = self._streams.get(task)
@@ -177,6 +191,10 @@ class WholeBodyControl(MotionController):
                 path = LinePath(rotation, position, goal, reference.duration)
                 self._lines.append((self._framed[reference.task], path))
                 return FrameTrajectory(handle, path, self._period, self.clock)
+            case m.FrameKnots():
+                point = _through(reference, handle.reference[0])
+                self._points.append((self._framed[reference.task], point))
+                return PointTrajectory(handle, point, self._period, self.clock)
             case m.PostureKnots():
                 joints = robot.kinematics.description.index(tuple(reference.joints))
                 knots = np.tile(last.position, (len(reference.times), 1))
@@ -218,8 +236,18 @@ def made_from(text: bytes, kinematics: Kinematics, gains: Gains, period: float, 
 def _longest(references: Sequence[m.Reference]) -> float:
     """s that the longest trajectory among them takes, infinite where there is none."""
     lengths = [reference.duration for reference in references if isinstance(reference, m.FrameLine)]
-    lengths += [reference.times[-1] for reference in references if isinstance(reference, m.PostureKnots)]
+    lengths += [each.times[-1] for each in references if isinstance(each, m.PostureKnots | m.FrameKnots)]
     return max(lengths, default=float("inf"))
+
+
+def _through(reference: m.FrameKnots, here: Array) -> HermitePath:
+    """Through the knots from `here` (3,) m: what the first one is off is taken up minimum-jerk on the way."""
+    times, positions = np.array(reference.times), np.array(reference.positions)
+    u = times / times[-1]
+    left = 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+    slope = -30.0 * u * u * (1.0 - u) ** 2 / times[-1]
+    off = here - positions[0]
+    return HermitePath(times, positions + np.outer(left, off), np.array(reference.velocities) + np.outer(slope, off))
 
 
 def _goal(pose: m.Pose | None, handle: Handle, shift: m.Vector) -> pin.SE3:

@@ -25,6 +25,7 @@ from handrail.messages import (
     Dither,
     EndCondition,
     ForceEnd,
+    FrameKnots,
     GripperAtEnd,
     GripperHoldsEnd,
     GripperOrder,
@@ -377,6 +378,13 @@ def check_knots(
     _check_path(knots, rows, commanded[rows], description, at=at, largest_payload=largest_payload)
 
 
+def check_points(points: FrameKnots, at: str, *, largest_payload: int) -> None:
+    """Raise RefusedError unless the knots of field `at` can be a frame's way."""
+    times = _times(points.times, 3, at, largest_payload)
+    _table(points.positions, f"{at}.positions", len(times), 3)
+    _table(points.velocities, f"{at}.velocities", len(times), 3)
+
+
 def _check_path(
     motion: JointTrajectory | PostureKnots,
     rows: np.ndarray,
@@ -386,19 +394,9 @@ def _check_path(
     at: str,
     largest_payload: int,
 ) -> None:
-    knots, joints = len(motion.times), len(motion.joints)
-    if knots < 2:
-        raise refuse("a trajectory has at least two knots", f"{at}.times", f"{knots} knots", "2 or more")
-    if knots * (1 + 2 * joints) > largest_payload:
-        most = largest_payload // (1 + 2 * joints)
-        raise refuse("the trajectory is too long for one action", f"{at}.times", f"{knots} knots", f"at most {most}")
-    times = np.array(motion.times)
-    check_all_finite(times, f"{at}.times")
-    if times[0] != 0.0:
-        raise refuse("time begins with the action", f"{at}.times[0]", times[0], "0")
-    if backward := np.flatnonzero(np.diff(times) <= 0).tolist():
-        later = backward[0] + 1
-        raise refuse("times don't increase", f"{at}.times[{later}]", times[later], f"more than {times[later - 1]:g} s")
+    joints = len(motion.joints)
+    times = _times(motion.times, joints, at, largest_payload)
+    knots = len(times)
     positions = _table(motion.positions, f"{at}.positions", knots, joints)
     velocities = _table(motion.velocities, f"{at}.velocities", knots, joints)
     # A robot that stands a little beyond a limit (it sank there while its drives were stopped) may come back.
@@ -547,7 +545,25 @@ def check_all_finite(values: np.ndarray, field: str) -> None:
         raise refuse("not a finite number", f"{field}{place}", values[tuple(bad[0])], "a finite number")
 
 
-def _table(given: list[list[float]], field: str, knots: int, joints: int) -> np.ndarray:
+def _times(given: list[float], columns: int, at: str, largest_payload: int) -> np.ndarray:
+    """(k,) s of the knots of field `at`, each with positions and velocities of so many columns. Raises RefusedError."""
+    knots = len(given)
+    if knots < 2:
+        raise refuse("a trajectory has at least two knots", f"{at}.times", f"{knots} knots", "2 or more")
+    if knots * (1 + 2 * columns) > largest_payload:
+        most = largest_payload // (1 + 2 * columns)
+        raise refuse("the trajectory is too long for one action", f"{at}.times", f"{knots} knots", f"at most {most}")
+    times = np.array(given)
+    check_all_finite(times, f"{at}.times")
+    if times[0] != 0.0:
+        raise refuse("time begins with the action", f"{at}.times[0]", times[0], "0")
+    if backward := np.flatnonzero(np.diff(times) <= 0).tolist():
+        later = backward[0] + 1
+        raise refuse("times don't increase", f"{at}.times[{later}]", times[later], f"more than {times[later - 1]:g} s")
+    return times
+
+
+def _table(given: Sequence[Sequence[float]], field: str, knots: int, joints: int) -> np.ndarray:
     if len(given) != knots:
         raise refuse("a row a knot", field, f"{len(given)} rows", f"{knots} rows, as in motion.times")
     for number, row in enumerate(given):

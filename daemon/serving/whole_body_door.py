@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from daemon.serving.validation import check_all_finite, check_knots, check_quaternion, nearest
+from daemon.serving.validation import check_all_finite, check_knots, check_points, check_quaternion, nearest
 from handrail import compound_tasks
 from handrail import messages as m
 from handrail.config import ConfigError
@@ -101,7 +101,8 @@ class WholeBodyDoor:
             raise refuse(
                 "the compound has no such task", f"{field}.task", reference.task, nearest(reference.task, tasks)
             )
-        wanted = (JPos,) if isinstance(reference, m.PostureKnots) else (CartPos, QuaternionOrientation, SE3)
+        framed = (CartPos, SE3) if isinstance(reference, m.FrameKnots) else (CartPos, QuaternionOrientation, SE3)
+        wanted = (JPos,) if isinstance(reference, m.PostureKnots) else framed
         if not isinstance(task, wanted):
             names = " or ".join(kind.__name__ for kind in wanted)
             raise refuse(
@@ -112,6 +113,8 @@ class WholeBodyDoor:
             )
         if isinstance(reference, m.PostureKnots):
             check_knots(reference, field, position, self._description, largest_payload=largest_payload)
+        elif isinstance(reference, m.FrameKnots):
+            check_points(reference, field, largest_payload=largest_payload)
         elif isinstance(reference, m.FixedPose):
             _check_goal(reference.pose, reference.shift, field, "pose")
         elif isinstance(reference, m.FrameLine):

@@ -34,6 +34,8 @@ HERE_P, HERE_R, SENT_P, SENT_R, SENT_V, AGE, PERIOD, STALE, GAIN, SPEED, TURN, S
 """a stream: the reference, what was sent, how long ago, settings"""
 WANTED_P, WANTED_R, SHORT, SEEN_P, SEEN_R, OFF, LEASH = 0, 3, 12, 13, 16, 25, 28
 """a leash: the pose that is wanted, 1 where the task's is nearer, the pose measured last, what lies between the positions"""
+POINT_P, POINT_V, POINT_A, POINT = 0, 3, 6, 9
+"""a point on knots: position, velocity, acceleration"""
 _SHORTER = 0.9
 """share of a leash that is taken in where levels are damped"""
 
@@ -66,6 +68,21 @@ def follow_knots(knots, at_knot, s, rate, followed, period, rows, posture):  # t
     for i in range(rows.shape[0]):
         c, velocity = rows[i], rate * followed[1, i]
         posture[0, c], posture[1, c], posture[2, c] = followed[0, i], velocity, (velocity - followed[2, i]) / period
+        followed[2, i] = velocity
+    return at_knot
+
+
+@compiled
+def follow_points(knots, at_knot, s, rate, followed, period, point):  # type: ignore[no-untyped-def]
+    """A frame's point at path parameter s of a HermitePath of three columns; returns the knot before s.
+
+    followed (3, 3): position, its derivative by s, the velocity of the cycle before.
+    """
+    at_knot = hermite(s, at_knot, knots, followed[0], followed[1])
+    for i in range(3):
+        velocity = rate * followed[1, i]
+        point[POINT_P + i], point[POINT_V + i] = followed[0, i], velocity
+        point[POINT_A + i] = (velocity - followed[2, i]) / period
         followed[2, i] = velocity
     return at_knot
 
@@ -136,10 +153,11 @@ def _take(parameters, tasks, kept, reach, widest):  # type: ignore[no-untyped-de
 
 
 @compiled(fastmath=FAST, error_model="numpy")
-def follow(parameters, kept, lines, streams, tasks, s, rate, settings, reach, widest):  # type: ignore[no-untyped-def]
+def follow(parameters, kept, lines, streams, points, tasks, s, rate, settings, reach, widest):  # type: ignore[no-untyped-def]
     """A whole compound task's references one period on, see references.Leashes: given back, moved, taken in again.
 
-    `tasks`: rows of `parameters`, those on leashes first, then the lines', then the streams'. `settings`: the solver's.
+    `tasks`: rows of `parameters`, those on leashes first, then the lines', the streams', the points' (which were moved
+    already). `settings`: the solver's.
     """
     leashed, first = tasks[: kept.shape[0]], kept.shape[0]
     _give(parameters, leashed, kept)
@@ -148,6 +166,12 @@ def follow(parameters, kept, lines, streams, tasks, s, rate, settings, reach, wi
     first += lines.shape[0]
     for i in range(streams.shape[0]):
         follow_stream(streams[i], rate, parameters[tasks[first + i]])
+    first += streams.shape[0]
+    for i in range(points.shape[0]):
+        for k in range(3):
+            task = parameters[tasks[first + i]]
+            task[at.REF_P + k], task[at.REF_V + k] = points[i, POINT_P + k], points[i, POINT_V + k]
+            task[at.REF_A + k] = points[i, POINT_A + k]
     share = 1.0
     if settings[at.MOST_DAMPING] > 0.0:
         share -= _SHORTER * settings[at.DAMPING] / settings[at.MOST_DAMPING]
@@ -247,12 +271,13 @@ def tell(
 
 def warm_up(joints: int) -> None:
     """Compile (or load) all of it: before a loop starts."""
-    task, parameters, tasks = np.zeros(at.PARAMETERS_WIDTH), np.zeros((1, at.PARAMETERS_WIDTH)), np.zeros(3, np.int64)
+    task, parameters, tasks = np.zeros(at.PARAMETERS_WIDTH), np.zeros((1, at.PARAMETERS_WIDTH)), np.zeros(4, np.int64)
     two, rows, mode = np.zeros((2, joints)), np.arange(joints), np.zeros(joints, np.uint8)
     follow_line(np.ones(LINE), 0.0, 1.0, task)
     follow_knots(np.eye(2, 1 + 2 * joints), 0, 0.0, 1.0, np.zeros((3, joints)), 1.0, rows, np.zeros((6, joints)))
     follow_stream(np.zeros(STREAM), 1.0, task)
-    moved = (np.zeros((1, LEASH)), np.ones((1, LINE)), np.zeros((1, STREAM)), tasks)
+    follow_points(np.eye(2, 7), 0, 0.0, 1.0, np.zeros((3, 3)), 1.0, np.zeros(POINT))
+    moved = (np.zeros((1, LEASH)), np.ones((1, LINE)), np.zeros((1, STREAM)), np.zeros((1, POINT)), tasks)
     follow(parameters, *moved, 0.0, 1.0, np.zeros(at.SETTINGS_WIDTH), 1.0, 1.0)
     lead(two, two[0], rows, two[0], two[0], 1.0, 0.0, 1.0)
     follow_others(two[0], rows, two, 1.0, 1.0, 1.0)

@@ -42,6 +42,26 @@ class FrameTrajectory:
         moving.follow_line(self.state, clock.s, clock.rate, self._parameters)
 
 
+class PointTrajectory:
+    """Cubic polynomials through knots of where a frame is, which does not turn; for CartPos and SE3.
+
+    It writes `state`, which Leashes puts into the task: that first has to see where the task's reference was.
+    """
+
+    def __init__(self, handle: Handle, path: HermitePath, period: float, clock: PathClock):
+        """`path`: of three columns, m; `period`: of the loop, s; `clock`: shared with others."""
+        self.clock, self.task = clock, handle.number
+        self._path, self._period = path, period
+        self._followed = np.zeros((3, 3))
+        self.state = np.zeros(moving.POINT)
+        """of the kernel (moving.POINT), as of a FrameTrajectory"""
+
+    def advance(self) -> None:
+        clock, path = self.clock, self._path
+        rate = clock.rate if clock.s < path.length else 0.0
+        path.at = moving.follow_points(path.knots, path.at, clock.s, rate, self._followed, self._period, self.state)
+
+
 class JointTrajectory:
     """Cubic polynomials through knots of all joints; for JPos."""
 
@@ -141,7 +161,7 @@ class StreamedPose:
         moving.follow_stream(self.state, 1.0 if self._clock is None else self._clock.rate, self._parameters)
 
 
-Reference = FrameTrajectory | JointTrajectory | Over | StreamedPose
+Reference = FrameTrajectory | PointTrajectory | JointTrajectory | Over | StreamedPose
 """`advance` writes its task's reference: once a cycle, before `solve`"""
 
 
@@ -165,11 +185,15 @@ class Leashes:
         """`handles`: of the tasks of `body` that are on leashes; `references`: what the `clock` moves; `reach` m, `turn` rad."""
         lines = [reference for reference in references if isinstance(reference, FrameTrajectory)]
         streams = [reference for reference in references if isinstance(reference, StreamedPose)]
-        self._others = [reference for reference in references if isinstance(reference, JointTrajectory | Over)]
+        points = [reference for reference in references if isinstance(reference, PointTrajectory)]
+        self._others = [one for one in references if isinstance(one, JointTrajectory | Over | PointTrajectory)]
         self._kept = np.zeros((len(handles), moving.LEASH))
-        tasks = [*(handle.number for handle in handles), *(one.task for one in lines), *(one.task for one in streams)]
+        moved: list[FrameTrajectory | StreamedPose | PointTrajectory] = [*lines, *streams, *points]
+        tasks = [handle.number for handle in handles] + [one.task for one in moved]
         settings = body.memory["settings"][0]
-        states = (_side_by_side(lines, moving.LINE), _side_by_side(streams, moving.STREAM))
+        states = (
+            _side_by_side(lines, moving.LINE), _side_by_side(streams, moving.STREAM), _side_by_side(points, moving.POINT)
+        )  # fmt: skip
         self._moved = (body.memory["parameters"], self._kept, *states, np.array(tasks, np.int64))
         self._limits, self._clock = (settings, reach, turn), clock
 
@@ -186,7 +210,7 @@ class Leashes:
         return self._kept[place, moving.OFF : moving.OFF + 3]
 
 
-def _side_by_side(moved: Sequence[FrameTrajectory | StreamedPose], width: int) -> Array:
+def _side_by_side(moved: Sequence[FrameTrajectory | StreamedPose | PointTrajectory], width: int) -> Array:
     """Their states in one table, in which they have them from now on."""
     table = np.array([one.state for one in moved]).reshape(len(moved), width)
     for one, row in zip(moved, table, strict=True):

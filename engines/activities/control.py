@@ -20,6 +20,7 @@ from handrail.behaviour_file import named, with_frames
 from handrail.messages import (
     EndCondition,
     FixedPose,
+    FrameKnots,
     FrameLine,
     Name,
     PoseStream,
@@ -40,7 +41,7 @@ class Followed(PoseStream, tag="stream", kw_only=True, forbid_unknown_fields=Tru
     """m, in the template's frame"""
 
 
-References = list[FixedPose | FrameLine | PostureKnots | Followed]
+References = list[FixedPose | FrameLine | FrameKnots | PostureKnots | Followed]
 
 
 class ControlActivity(Activity):
@@ -128,7 +129,7 @@ class ControlActivity(Activity):
         self.context.motion.interrupt()
 
 
-def _sent(reference: FixedPose | FrameLine | PostureKnots | Followed) -> Reference:
+def _sent(reference: FixedPose | FrameLine | FrameKnots | PostureKnots | Followed) -> Reference:
     """As the daemon takes it."""
     if not isinstance(reference, Followed):
         return reference

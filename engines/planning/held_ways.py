@@ -13,12 +13,11 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from engines.planning.collision.connect import Budget
 from engines.planning.collision.sweep import Sweep, lines
-from engines.planning.ik.constraints import Constraint, Position
+from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.mechanism import Mechanism
 from engines.planning.ik.solver import Solver
 from engines.planning.plan import Infeasible
@@ -40,8 +39,6 @@ _PASSES = 6
 """of smoothing, at most"""
 _ROWS = 41
 """of a way"""
-_LINE, _BAND = 5e-4, 4e-3
-"""m about its line where a frame is kept that is to go in a line; and beyond its ends as long as there is no way yet"""
 _TELL_EVERY = 20
 
 
@@ -49,23 +46,21 @@ class HeldConnector:
     """Ways in one world that keep `held`. Not for several threads at once."""
 
     def __init__(
-        self, solver: Solver, sweep: Sweep, floors: Array, held: Sequence[Constraint], *, level: str = "",
+        self, solver: Solver, sweep: Sweep, floors: Array, held: Sequence[Constraint], *,
         cancelled: Callable[[], bool] = never,
     ):  # fmt: skip
         """`floors` (pairs,) m of clearance; `held` along the whole way.
 
-        :param level: frame whose height goes in a line from where it is to where it ends, if a way allows it
         :param cancelled: asked at every step; Cancelled is raised soon after it says True
         """
         self._solver, self._sweep, self._floors, self._held = solver, sweep, floors, list(held)
-        self._level, self._cancelled = level, cancelled
+        self._cancelled = cancelled
         self._moving = sweep.world.moving
         mechanism: Mechanism = solver.mechanism
         rows = np.array([mechanism.row(joint) for joint in self._moving], np.int64)
         self._columns = mechanism.coordinate[rows]
         self._lower, self._upper = mechanism.lower[rows], mechanism.upper[rows]
         self._ends: tuple[Array, ...] = ()
-        self._band: list[Constraint] = []
 
     def way(
         self, start: Array, goal: Array, *, budget: Budget | None = None, seed: int = 0,
@@ -77,12 +72,9 @@ class HeldConnector:
         :raises Cancelled: as asked
         """
         budget, self._ends = budget or Budget(), (start, goal)
-        if self._level:
-            heights = [self.height(q) for q in self._ends]
-            self._band = self.level(sum(heights) / 2.0, abs(heights[1] - heights[0]) / 2.0 + _BAND)
         end = time.monotonic() + budget.seconds
         generator = np.random.default_rng(seed)
-        progress("straight way over held feet")
+        progress("straight way that keeps what is held")
         found = self._grown(start, goal, budget, end, generator, progress)
         if found is None:
             nearest = self._straight_meets(start, goal)
@@ -101,9 +93,9 @@ class HeldConnector:
             self._floors[met.pair] - met.distance
         ), f"({met.between}) on the straight way is {met.distance:.3g} m, and "
 
-    def _held_at(self, q: Array, more: Sequence[Constraint] = ()) -> Array | None:
+    def _held_at(self, q: Array) -> Array | None:
         """What keeps all that is held, near q (nq,)."""
-        answer = self._solver.solve([*self._held, *(more or self._band)], q, start=q, moving=self._moving, starts=1)
+        answer = self._solver.solve(self._held, q, start=q, moving=self._moving, starts=1)
         return answer.q if answer.feasible else None
 
     def _clear(self, rows: Array) -> bool:
@@ -149,7 +141,7 @@ class HeldConnector:
         tried = 0
         while tried < budget.edges and time.monotonic() < end:
             if tried % _TELL_EVERY == 0:
-                progress(f"way around over held feet: {tried} of {budget.edges} edges tried")
+                progress(f"way around that keeps what is held: {tried} of {budget.edges} edges tried")
             go_on(self._cancelled)
             tried += 1
             drawn = start.copy()
@@ -181,21 +173,17 @@ class HeldConnector:
         return rows
 
     def _smoothed(self, rows: list[Array]) -> Array:
-        """Rows evenly apart, each pass as long as all stays clear and held: corners go, and `level` comes into line."""
+        """Rows evenly apart, each pass as long as all stays clear and held: corners go."""
         along = np.concatenate([[0.0], np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(rows)])])
         even = np.linspace(0.0, along[-1], max(_ROWS, len(rows)))
         q = np.array(rows)
         best = np.column_stack([np.interp(even, along, column) for column in q.T])
         best[0], best[-1] = rows[0], rows[-1]
-        heights = np.linspace(self.height(rows[0]), self.height(rows[-1]), len(best)) if self._level else None
         for _ in range(_PASSES):
             smooth = best.copy()
             for k in range(1, len(best) - 1):
                 go_on(self._cancelled)
-                middle = 0.25 * smooth[k - 1] + 0.5 * best[k] + 0.25 * best[k + 1]
-                there = self._held_at(middle, self.level(float(heights[k]), _LINE) if heights is not None else ())
-                if there is None:
-                    there = self._held_at(middle)
+                there = self._held_at(0.25 * smooth[k - 1] + 0.5 * best[k] + 0.25 * best[k + 1])
                 if there is None:
                     return best
                 smooth[k] = there
@@ -203,19 +191,6 @@ class HeldConnector:
                 break
             best = smooth
         return best
-
-    def height(self, q: Array) -> float:
-        """m, of the frame that goes in a line."""
-        mechanism = self._solver.mechanism
-        data = mechanism.model.createData()
-        pin.forwardKinematics(mechanism.model, data, q)
-        return float(pin.updateFramePlacement(mechanism.model, data, mechanism.frame_id(self._level)).translation[2])
-
-    def level(self, height: float, give: float) -> list[Constraint]:
-        """That frame is within `give` m of a height."""
-        end = float("inf")
-        lower, upper = (-end, -end, height - give), (end, end, height + give)
-        return [Position(frame=self._level, lower=lower, upper=upper, name=f"height of {self._level}")]
 
 
 _Tree = tuple[list[Array], list[int]]

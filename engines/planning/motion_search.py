@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from engines import identifiers
 from engines.planning import constraints
@@ -28,7 +29,7 @@ from engines.planning.ik.report import Answer
 from engines.planning.ik.report import Measure as Report
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, Measure, limit_margins, torque_shares
 from engines.planning.motion import Motion
-from engines.planning.plan import Infeasible, Plan, Segment
+from engines.planning.plan import BaseWay, Infeasible, Plan, Segment
 from engines.planning.sampling import sampled
 from engines.planning.timing.timing import TIP_SPEED, Knots, Limits, parametrise
 from engines.planning.verifier import BETWEEN
@@ -50,11 +51,7 @@ _STARTS = 12
 _BUDGET = Budget(seconds=10.0, edges=1500)
 """of a way around what is there, for each posture"""
 _HELD_BUDGET = Budget(seconds=10.0, edges=200)
-"""the same of a way over held feet"""
-_LINE = 0.02
-"""m, by what the base's height may be off the minimum-jerk line that whole-body control brings it along"""
-_SAME_HEIGHT = 2e-3
-"""m of a base that need not go up or down"""
+"""the same of a way that keeps something"""
 _SPARE = 5e-4
 """m of clearance that a posture at a goal has beyond what is asked for, so that the way to it may end there"""
 _KNOTS = 4
@@ -103,13 +100,12 @@ class MotionSearch:
         self._always += motion.stands
         self._ways_of: Connector | HeldConnector = self._connector
         self._budget = _BUDGET
-        if motion.closed:
+        self._held = bool(motion.keep) or motion.closed
+        if self._held:
             held = [*motion.keep, *(one for one in self._always if not isinstance(one, kinds.Clearance))]
             floors = scene.margins.floors(scene.world)
             self._budget = _HELD_BUDGET
-            self._ways_of = HeldConnector(
-                planner.solver, scene.sweep, floors, held, level=planner.base_frame, cancelled=cancelled
-            )
+            self._ways_of = HeldConnector(planner.solver, scene.sweep, floors, held, cancelled=cancelled)
 
     def plan(self) -> Plan:
         """See MotionPlanner.plan."""
@@ -165,40 +161,18 @@ class MotionSearch:
         if motion.along is not None:
             yield "along", [self._followed(motion.along)]
             return
-        only_whole = bool(motion.keep) or motion.closed  # nothing else keeps anything on the way
         missed: Infeasible | None = None
-        if only_whole or motion.through:
+        if self._held or motion.through:
             try:
                 yield "spline", [self._spline()]
             except Infeasible as problem:
-                if only_whole and not self._may_sample:
-                    raise
                 missed = problem
-        if not only_whole:
-            yield from self._stop_by_stop()
-            if motion.stands and not motion.through:  # each of those ways fell over
-                yield "spline", [self._spline()]
-        elif self._may_sample:
-            try:
-                yield from self._over_feet()
-            except Infeasible as problem:
-                raise missed or problem from None
-
-    def _over_feet(self) -> Iterator[tuple[str, list[Array]]]:
-        """Ways by sampling, first those to postures where the base is as high as now: so its height is on its line."""
-        assert isinstance(self._ways_of, HeldConnector)
-        level = self._ways_of.level(self._ways_of.height(self._start), _SAME_HEIGHT)
         try:
-            for _, way in self._to(self._start, [*self._motion.goals, *level], "goals"):
-                yield "goals", [way]
-        except Infeasible:
-            self._progress("posture at another height")
-        yield from self._stop_by_stop()
-
-    @property
-    def _may_sample(self) -> bool:
-        """Whether ways over held feet are looked for by sampling: without stops, which a base's line does not make."""
-        return self._motion.closed and not self._motion.through
+            yield from self._stop_by_stop()
+        except Infeasible as problem:
+            raise (missed if self._held and missed else problem) from None
+        if motion.stands and not self._held and not motion.through:  # each of those ways fell over
+            yield "spline", [self._spline()]
 
     def _frame(self, q: Array, name: str) -> pin.SE3:
         """A frame in the world at q (nq,)."""
@@ -254,7 +228,7 @@ class MotionSearch:
     def _postures(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[Answer]:
         """Postures at goals, the one that is found nearest first. Raises Infeasible when there is none."""
         self._progress(f"posture at {where}")
-        goals = [*goals, *(self._motion.keep if self._motion.closed else ())]
+        goals = [*goals, *self._motion.keep]
         wanted = [*goals, *self._always]
         known: list[Array] = []
         moving = self._motion.moving
@@ -328,10 +302,11 @@ class MotionSearch:
             go_on(self._cancelled)
             knots = parametrise(way, limits, max(float(share) * motion.duration, self._watched(way)), where=where)
             self._certain(knots, where)
-            if motion.closed:
-                self._level(knots, where)
             measures = (*self._kept(knots, limits, torque), *self._met(goals, knots))
-            segments.append(Segment(where, knots.times, knots.positions, knots.velocities, measures=measures))
+            base = self._base(knots) if motion.closed else None
+            segments.append(
+                Segment(where, knots.times, knots.positions, knots.velocities, measures=measures, base=base)
+            )
         ends = np.cumsum([segment.duration for segment in segments])
         worst = {
             figure: min(each.values.min() for one in segments for each in one.measures if each.name == figure)
@@ -380,18 +355,15 @@ class MotionSearch:
         if meeting is not None:
             raise _too_near(meeting, float(floors[meeting.pair]), where)
 
-    def _level(self, knots: Knots, where: str) -> None:
-        """Raise Infeasible where the base's height is off the line in time that `Segment.under` has it brought along."""
-        height = np.array(
-            [self._frame(q, self._planner.base_frame).translation[2] for q in self._whole(knots.positions)]
-        )
-        share = knots.times / knots.times[-1]
-        line = height[0] + share**3 * (10.0 - 15.0 * share + 6.0 * share**2) * (height[-1] - height[0])
-        off = np.abs(height - line)
-        worst = int(off.argmax())
-        if off[worst] > _LINE:
-            words = f"is {off[worst]:.3g} m off at {knots.times[worst]:.3g} s, at most {_LINE:g} allowed"
-            raise Infeasible("height of the base on its line", float(off[worst] - _LINE), "m", where, words)
+    def _base(self, knots: Knots) -> BaseWay:
+        """Where the base is in the world at each knot."""
+        places = [
+            self._motion.root_in_world * self._frame(q, self._planner.base_frame) for q in self._whole(knots.positions)
+        ]
+        positions = np.array([place.translation for place in places])
+        velocities = CubicSpline(knots.times, positions, bc_type="clamped")(knots.times, 1)
+        velocities[[0, -1]] = 0.0
+        return BaseWay(positions, velocities)
 
     def _kept(self, knots: Knots, limits: Limits, torque: Array) -> tuple[Measure, ...]:
         """Clearance, margin to the joint limits and share of `torque` (m,) N·m along knots."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, TORQUE_SHARE, Measure, joined
 from handrail.messages import (
     EndCondition,
-    FrameLine,
+    FrameKnots,
     JointTrajectory,
     PathForce,
     PlanGave,
@@ -42,6 +42,16 @@ class Infeasible(Exception):
 
 
 @dataclass(frozen=True)
+class BaseWay:
+    """Where a base is in the world at every knot of a segment that moves it; it does not turn."""
+
+    positions: Array
+    """(k, 3) m"""
+    velocities: Array
+    """(k, 3) m/s, zero in the first and the last row"""
+
+
+@dataclass(frozen=True)
 class Segment:
     """One stretch of a plan, executed as one action. It begins and ends at rest."""
 
@@ -56,6 +66,8 @@ class Segment:
     path_force: PathForce | None = None
     measures: tuple[Measure, ...] = ()
     """what was measured along it, times from its start"""
+    base: BaseWay | None = None
+    """of a robot that stands and moves its legs; None: its base stays where it is"""
 
     @property
     def duration(self) -> float:
@@ -72,8 +84,8 @@ class Segment:
             path_force=self.path_force,
         )
 
-    def under(self, compound: str, joints: tuple[str, ...], base_at_end: Pose) -> WholeBody:
-        """The same for a robot that stands: the compound task's `posture` follows the knots, `height` goes to where the base ends.
+    def under(self, compound: str, joints: tuple[str, ...], base: BaseWay) -> WholeBody:
+        """The same for a robot that stands: the compound task's `posture` follows the knots, its `height` the base's.
 
         The posture alone would not: where so much mass moves, the last level of whole-body control gives way.
         """
@@ -84,7 +96,12 @@ class Segment:
             positions=self.positions.tolist(),
             velocities=self.velocities.tolist(),
         )
-        height = FrameLine(task="height", duration=self.duration, goal=base_at_end)
+        height = FrameKnots(
+            task="height",
+            times=self.times.tolist(),
+            positions=[(x, y, z) for x, y, z in base.positions.tolist()],
+            velocities=[(x, y, z) for x, y, z in base.velocities.tolist()],
+        )
         return WholeBody(compound=compound, references=[knots, height])
 
 
@@ -124,9 +141,9 @@ class Plan:
 
     def motion(self, segment: Segment) -> JointTrajectory | WholeBody:
         """One of its segments as the daemon takes it."""
-        if self.base_at_end is None:
+        if segment.base is None:
             return segment.motion(self.joints)
-        return segment.under(self.compound, self.joints, self.base_at_end)
+        return segment.under(self.compound, self.joints, segment.base)
 
     def segment(self, name: str) -> Segment:
         """The segment of that name. Raises KeyError naming what there is."""

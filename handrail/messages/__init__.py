@@ -249,6 +249,7 @@ from handrail.messages.recordings import (
 )
 from handrail.messages.references import (
     FixedPose,
+    FrameKnots,
     FrameLine,
     PoseStream,
     PostureKnots,
@@ -368,6 +369,7 @@ __all__ = [
     "ForceEnd",
     "ForceTorqueState",
     "FrameGoal",
+    "FrameKnots",
     "FrameLine",
     "GateCall",
     "GazeGoal",

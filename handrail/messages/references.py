@@ -32,6 +32,21 @@ class FrameLine(msgspec.Struct, tag="line", kw_only=True, forbid_unknown_fields=
     """m, on the axes of the frame that the task is relative to; only without `goal`"""
 
 
+class FrameKnots(msgspec.Struct, tag="frame_knots", kw_only=True, forbid_unknown_fields=True):
+    """A task's frame goes through knots, by cubic Hermite interpolation of where it is; its orientation stays.
+
+    Where it is not at the first knot at the start, what is between is taken up minimum-jerk on the way: it ends at the last knot.
+    """
+
+    task: Name
+    times: list[float]
+    """s from the action's start, strictly increasing, first 0"""
+    positions: list[Vector]
+    """m, in the frame that the task is relative to, one a knot"""
+    velocities: list[Vector]
+    """m/s"""
+
+
 class PostureKnots(msgspec.Struct, tag="knots", kw_only=True, forbid_unknown_fields=True):
     """A JPos goes through knots, by cubic Hermite interpolation; joints that are not named stay where they are commanded."""
 
@@ -57,4 +72,4 @@ class PoseStream(msgspec.Struct, tag="stream", kw_only=True, forbid_unknown_fiel
     """rad/s"""
 
 
-Reference = FixedPose | FrameLine | PostureKnots | PoseStream
+Reference = FixedPose | FrameLine | FrameKnots | PostureKnots | PoseStream

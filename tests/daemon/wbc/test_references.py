@@ -7,7 +7,7 @@ import pytest
 from daemon.controllers.references import HermitePath, LinePath, PathClock
 from daemon.wbc import layout as at
 from daemon.wbc.hierarchy import WholeBody
-from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, StreamedPose
+from daemon.wbc.references import FrameTrajectory, JointTrajectory, Leashes, PointTrajectory, StreamedPose
 from daemon.wbc.tasks import SE3, JPos
 
 PERIOD = 0.002
@@ -55,6 +55,28 @@ def test_joints_go_through_their_knots(model_of) -> None:
     reference = JointTrajectory(body["joints"], path, 7, PERIOD)
     simulate(model, body, [reference], 800)
     assert model.q == pytest.approx(knots[-1], abs=2e-3)
+
+
+def test_a_frame_goes_through_its_knots_with_their_velocities_and_does_not_turn(model_of) -> None:
+    model = model_of("panda")
+    body = WholeBody(model, [[SE3(frame=HAND, name="hand")], [JPos()]])
+    here, clock = model.frame(HAND), PathClock(1.2, PERIOD)
+    off = np.array([[0.0, 0.0, 0.0], [0.05, 0.1, -0.1], [0.1, 0.0, 0.0]])
+    rates = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    path = HermitePath(np.array([0.0, 0.6, 1.2]), here.translation + off, rates)
+    reference = PointTrajectory(body["hand"], path, PERIOD, clock)
+    leashes, places = Leashes(body, [body["hand"]], [reference], clock, 0.1, 0.5), []
+
+    class Moved:
+        def advance(self) -> None:
+            leashes.advance()
+            places.append(model.frame(HAND).translation - here.translation)
+
+    errors = simulate(model, body, [Moved()], 800)
+    assert max(errors) < 4e-3, "next to no lag"
+    assert places[301] == pytest.approx(off[1], abs=4e-3)
+    assert model.frame(HAND).translation - here.translation == pytest.approx(off[2], abs=1e-3)
+    assert np.linalg.norm(pin.log3(here.rotation.T @ model.frame(HAND).rotation)) < 1e-3
 
 
 def test_a_stream_is_followed_and_its_silence_is_a_stop(model_of) -> None:

@@ -23,6 +23,7 @@ from handrail.messages import (
     DivergenceEnd,
     EndCondition,
     FixedPose,
+    FrameKnots,
     FrameLine,
     Pose,
     PoseErrorEnd,
@@ -41,6 +42,7 @@ levels:
   - - {task: JPos, name: posture}
 """
 STAY = {"positions": [[0.0], [0.0]], "velocities": [[0.0], [0.0]]}
+WAY = {"times": [0.0, 1.0], "positions": [(0.0, 0.0, 0.0)] * 2, "velocities": [(0.0, 0.0, 0.0)] * 2}
 KNOTS = {"task": "posture", "joints": ["torso_1_joint"], "times": [0.0, 1.0]}
 
 
@@ -78,6 +80,28 @@ def refused(door: WholeBodyDoor, talos, asked: StartAction) -> RefusedError:
             call(references=(FrameLine(task="hand", goal=Pose(), duration=math.inf),)),
             "motion.references[0].duration",
             "not a finite number",
+        ),
+        (
+            call(references=(FrameKnots(task="posture", **WAY),)),
+            "motion.references[0].task",
+            "a JPos takes no such reference",
+        ),
+        (
+            call(references=(FrameKnots(task="hand", **(WAY | {"velocities": [(0.0, 0.0, 0.0)]})),)),
+            "motion.references[0].velocities",
+            "a row a knot",
+        ),
+        (
+            call(
+                references=(FrameKnots(task="hand", **(WAY | {"positions": [(0.0, 0.0, 0.0), (0.0, math.nan, 0.0)]})),)
+            ),
+            "motion.references[0].positions[1][1]",
+            "not a finite number",
+        ),
+        (
+            call(references=(FrameKnots(task="hand", **(WAY | {"times": [0.0, 0.0]})),)),
+            "motion.references[0].times[1]",
+            "times don't increase",
         ),
         (
             call(references=(PostureKnots(**KNOTS, positions=[[0.0], [9.0]], velocities=[[0.0], [0.0]]),)),

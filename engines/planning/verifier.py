@@ -3,7 +3,8 @@ returned.
 
 Shares nothing with planners but the robot's model, its bodies, and by what rule feet share a load: curves are evaluated in
 their power basis, bodies that come too near are found by coal's broad phase with a security margin, constraints are measured by
-`ik.checker`, torques by pinocchio's inverse dynamics, of a robot on its feet under the forces that its momentum asks for. A
+`ik.checker`, torques by pinocchio's inverse dynamics, of a robot on its feet under the forces that its momentum asks for, which the
+ground must be able to give. A
 mistake in a path, a spline, a profile or a certificate shows here.
 """
 
@@ -24,7 +25,7 @@ from engines.planning.ik.checker import ANGLE, LENGTH, Checker
 from engines.planning.ik.constraints import Constraint
 from engines.planning.ik.report import Measure
 from engines.planning.plan import Infeasible
-from engines.planning.timing.standing_torque import wrenches
+from engines.planning.timing.contact_forces import borne, figures
 from engines.planning.timing.timing import Limits
 from engines.planning.waiting import go_on, never
 from handrail.robot.description import Foot
@@ -44,6 +45,8 @@ MOVED = 0.005
 """rad (m): bodies and constraints are not looked at anew before some joint has moved by this since the last look"""
 _OUT = 1e-4
 """rad (m), by what a joint's limit may be passed"""
+_GROUND = 1e-4
+"""N, N/N, m by what feet may pass what the ground can give: forces at a limit are on it"""
 _SAME = 1e-6
 """rad/s² between two pieces: torques at their knot are the same"""
 _REST, _GAP = 1e-6, 1e-6
@@ -89,7 +92,7 @@ class Violation:
     def error(self) -> Infeasible:
         """As planners fail."""
         m = self.measure
-        words = f"({m.what}) is {m.value:.3g} {m.unit} at {self.time:.3g} s"
+        words = f"({m.what}) is {m.value:.3g} {m.unit} at {self.time:.3g} s, {m.bound} allowed"
         return Infeasible(m.constraint, m.by, m.unit, self.segment, words)
 
 
@@ -155,7 +158,7 @@ class Verifier:
                 floors[self._world.touching(*names)] = -np.inf
             found += _worst(segment.name, self._of_bodies(times, q, floors, going))
             if torque is not None:
-                found += _worst(segment.name, self._of_torques(plan.joints, rows, looks, at, torque, feet))
+                found += _worst(segment.name, self._of_dynamics(plan.joints, rows, looks, at, torque, feet))
             if constraints:
                 found += _worst(segment.name, self._of_constraints(constraints, begin, times, q, going))
             begin += float(segment.times[-1])
@@ -226,7 +229,7 @@ class Verifier:
                     distance = float(found.min_distance)
                     yield time, Measure("clearance", world.between(pair), distance, floor, np.inf, "m"), self._missed
 
-    def _of_torques(
+    def _of_dynamics(
         self, joints: tuple[str, ...], rows: list[int], looks: _Looks, at: Array, torque: Array,
         feet: Sequence[Foot],
     ) -> Iterator[tuple[float, Measure, float]]:  # fmt: skip
@@ -236,21 +239,26 @@ class Verifier:
         ends, begins = pieces[:, DENSITY], pieces[1:, 0]
         jumps = np.abs(looks.accelerations[begins] - looks.accelerations[ends[:-1]]).max(axis=1) > _SAME
         seen = np.concatenate([pieces[:, 0], pieces[:, DENSITY // 2], ends[np.append(jumps, True)]])
-        needed = np.empty((len(seen), len(rows)))
+        needed, bears = np.empty((len(seen), len(rows))), list[list[pin.Force]]()
         columns = self._mechanism.coordinate[rows]
         for row, k in enumerate(seen.tolist()):
             q[columns], v[rows], a[rows] = looks.positions[k], looks.velocities[k], looks.accelerations[k]
-            needed[row] = self._inverse_dynamics(q, v, a, feet)[rows]
+            torques, forces = self._inverse_dynamics(q, v, a, feet)
+            needed[row] = torques[rows]
+            bears.append(forces)
         for column, joint in enumerate(joints):
             look, most = int(np.abs(needed[:, column]).argmax()), float(torque[column])
             measure = Measure("torque limits", joint, float(needed[look, column]), -most, most, "N·m")
             yield float(looks.times[seen[look]]), measure, _SHARE * most
+        for k, forces in zip(seen.tolist(), bears, strict=True):
+            for measure in figures(feet, forces):
+                yield float(looks.times[k]), measure, _GROUND
 
-    def _inverse_dynamics(self, q: Array, v: Array, a: Array, feet: Sequence[Foot]) -> Array:
-        """(nv,) N·m, by what the momentum's change asks of the ground, and that as forces on the feet."""
+    def _inverse_dynamics(self, q: Array, v: Array, a: Array, feet: Sequence[Foot]) -> tuple[Array, list[pin.Force]]:
+        """(nv,) N·m, by what the momentum's change asks of the ground, and that as forces on the feet, on their own axes."""
         model, data = self._model, self._data
-        if len(feet) < 2:
-            return np.asarray(pin.rnea(model, data, q, v, a))
+        if not feet:
+            return np.asarray(pin.rnea(model, data, q, v, a)), []
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
         pin.updateFramePlacements(model, data)
         change = pin.SE3(np.eye(3), data.com[0]).act(data.dhg)
@@ -260,12 +268,12 @@ class Verifier:
             whole += np.concatenate([mass * weight, np.cross(place, mass * weight)])
         frames = [model.frames[self._mechanism.frame_id(foot.link)] for foot in feet]
         soles = [pin.SE3(data.oMi[each.parentJoint] * each.placement) for each in frames]
-        borne = wrenches(feet, soles, pin.Force(whole))
+        forces = borne(feet, soles, pin.Force(whole))
         outside = pin.StdVec_Force()
         outside.extend([pin.Force.Zero() for _ in range(model.njoints)])
-        for each, force in zip(frames[1:], borne[1:], strict=True):
+        for each, force in zip(frames[1:], forces[1:], strict=True):
             outside[each.parentJoint] += each.placement.act(force)
-        return np.asarray(pin.rnea(model, data, q, v, a, outside))
+        return np.asarray(pin.rnea(model, data, q, v, a, outside)), forces
 
     def _of_constraints(
         self, constraints: Sequence[Constraint], begin: float, times: Array, q: Array, cancelled: Callable[[], bool]

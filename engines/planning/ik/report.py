@@ -43,15 +43,18 @@ class Measure(NamedTuple):
         """m, the same; an angle counts ANGLE_WEIGHT."""
         return self.by * (ANGLE_WEIGHT if self.unit == "rad" else 1.0)
 
-    def __str__(self) -> str:
+    @property
+    def bound(self) -> str:
+        """What it may be, in words: the side that it is out of, else both."""
         if self.value < self.lower:
-            bound = f"at least {self.lower:.4g}"
-        elif self.value > self.upper:
-            bound = f"at most {self.upper:.4g}"
-        else:
-            bound = f"{self.lower:.4g} to {self.upper:.4g}"
+            return f"at least {self.lower:.4g}"
+        if self.value > self.upper:
+            return f"at most {self.upper:.4g}"
+        return f"{self.lower:.4g} to {self.upper:.4g}"
+
+    def __str__(self) -> str:
         missed = f", missed by {self.by:.3g} {self.unit}" if self.by else ""
-        return f"{self.constraint}: {self.what} is {self.value:.4g} {self.unit}, {bound} allowed{missed}"
+        return f"{self.constraint}: {self.what} is {self.value:.4g} {self.unit}, {self.bound} allowed{missed}"
 
 
 @dataclass(frozen=True)

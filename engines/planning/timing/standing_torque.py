@@ -9,13 +9,12 @@ carried, in one way at least.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from handrail.robot.description import Foot, RobotDescription
+from engines.planning.timing.contact_forces import ease
+from handrail.robot.description import RobotDescription
 
 Array = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ class StandingDynamics:
         self._data = model.createData()
         self._q = pin.neutral(model)
         self._feet = [(foot, model.getFrameId(foot.link)) for foot in description.feet]
-        self._ease = [_ease(foot) for foot in description.feet]
+        self._ease = [ease(foot) for foot in description.feet]
         self._held = model.inertias[0] * -model.gravity
         """on the sole that is held, by its own weight"""
 
@@ -61,17 +60,3 @@ class StandingDynamics:
                 needed -= jacobian.T @ (each @ shared)
             torques[number] = needed[rows]
         return torques
-
-
-def wrenches(feet: Sequence[Foot], soles: Sequence[pin.SE3], whole: pin.Force) -> list[pin.Force]:
-    """What each foot bears of `whole`, on its own axes: the least-squares answer, as a solver for such problems gives it."""
-    sizes = np.concatenate([np.sqrt(_ease(foot)) for foot in feet])
-    spread = np.hstack([sole.toActionMatrixInverse().T for sole in soles]) * sizes
-    found = sizes * np.linalg.lstsq(spread, whole.vector, rcond=None)[0]
-    return [pin.Force(each) for each in found.reshape(-1, 6)]
-
-
-def _ease(foot: Foot) -> Array:
-    """(6,) how willingly a foot bears forces, and moments (m²: those over its sole's half lengths are forces)."""
-    length, width = foot.size
-    return np.array([1.0, 1.0, 1.0, (width / 2) ** 2, (length / 2) ** 2, (length / 2) ** 2])

@@ -9,7 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import Property, QObject, Signal, Slot
 
-from handrail.messages import MakePlan, Message
+from handrail.messages import ListLibrary, MakePlan, Message, SaveTemplate
 from tablet_client.models.bench import Bench
 from tablet_client.models.move import Move
 from tablet_client.models.quantities import in_unit
@@ -23,7 +23,8 @@ _TAP = 24.0  # px from a template that are still on it
 _SLIDER = ("name", "title", "unit", "value", "low", "high", "step", "text")
 _WAYPOINT = ("name", "state", "why")
 _INSTANCE = ("name", "template", "selected", "heldBy")
-_SENT_AS = {"delete": "RemoveInstance", "plan": "MakePlan"}
+_COMMANDS = ("edit", "delete", "copy", "undo", "redo", "plan", "place", "attach", "save")
+_SENT_AS = {"delete": "RemoveInstance", "plan": "MakePlan", "save": "SaveTemplate"}
 
 
 class BenchDesk(QObject):
@@ -92,14 +93,15 @@ class BenchDesk(QObject):
         self._note_hot()
         self._soon()
 
-    @Slot(float, float, _MAP)
-    def tap(self, x: float, y: float, camera: dict[str, Any]) -> None:
-        """Select what a finger has tapped on; beside everything: nothing."""
+    @Slot(float, float, _MAP, result=bool)
+    def tap(self, x: float, y: float, camera: dict[str, Any]) -> bool:
+        """Select what a finger has tapped on; beside everything: nothing. Whether something is there."""
         view, depths = _seen(camera), dict[str, float]()
         for name, vertices, faces in self._stage.solids():
             depths[name] = view.hit(x, y, vertices, faces, _TAP)
         nearest = min(depths, key=depths.__getitem__, default="")
         self.select(nearest if nearest and depths[nearest] < float("inf") else "")
+        return bool(self._bench.selected)
 
     # -------------------------------------------------------------------------------------------------------- buttons
 
@@ -194,10 +196,31 @@ class BenchDesk(QObject):
         self._soon()
 
     @Slot(str)
-    def saveAs(self, name: str) -> None:
-        """The selected instance once more, under a name of the operator's."""
-        if not self.why("copy") and name and name not in self._situation.world.instances:
-            self._bench.wanted = self._bench.copy(name)
+    def saveTemplate(self, name: str) -> None:
+        """The selected instance as a template, in the engine's workspace; then the library is asked for anew."""
+        if not self.why("save"):
+            self._bench.saved = ("saving", "")
+            self._send(SaveTemplate(instance=self._bench.selected, name=name))
+            self._send(ListLibrary())
+
+    @Slot()
+    def forgetSaved(self) -> None:
+        """What became of the last one has been read."""
+        self._bench.saved = ("", "")
+        self._soon()
+
+    @Slot(str, str)
+    def attach(self, kind: str, name: str) -> None:
+        """Have the selected instance go along with a `link` or an `instance`, or with nothing: the `world`."""
+        if not self.why("attach"):
+            self._bench.attach(kind, name)
+            self._soon()
+
+    @Slot()
+    def believe(self) -> None:
+        """Tell the robot that the selected instance's joints are where they are looked at."""
+        if not self.why("edit"):
+            self._bench.believe()
             self._soon()
 
     def why(self, command: str) -> str:
@@ -264,13 +287,16 @@ class BenchDesk(QObject):
             "trajectory": bench.chosen,
             "arms": list(bench.arms),
             "arm": bench.hand,
+            "hasJoints": bool(bench.joints),
+            "targets": [asdict(each) for each in bench.targets],
+            "saved": {"code": bench.saved[0], "text": bench.saved[1]},
             "reached": sum(each.reach is not None and each.reach.state != "not" for each in waypoints),
             "known": sum(each.reach is not None for each in waypoints),
             "reachProblem": bench.reach_problem,
             "templates": [
                 entry.name for entry in self._situation.library if entry.kind == "template" and not entry.problem
             ],
-            "why": {name: self.why(name) for name in ("edit", "delete", "copy", "undo", "redo", "plan", "place")},
+            "why": {name: self.why(name) for name in _COMMANDS},
         }
         if view != self._view:
             self._view = view

@@ -14,7 +14,18 @@ from typing import Any
 from PySide6.QtCore import Property, QObject, Qt, QTimer, Signal, Slot
 
 from handrail.link.codec import OBSERVING
-from handrail.messages import AnswerPrompt, ClearStop, Enable, ExecutePlan, GetPlan, Jog, MakePlan, Message
+from handrail.messages import (
+    AnswerPrompt,
+    ClearStop,
+    Enable,
+    ExecutePlan,
+    GetPlan,
+    Jog,
+    ListLibrary,
+    MakePlan,
+    Message,
+    SaveTemplate,
+)
 from tablet_client.bench_desk import BenchDesk
 from tablet_client.camera_desk import CameraDesk
 from tablet_client.growing_list import GrowingList
@@ -227,7 +238,7 @@ class Desk(QObject):
 
     def _tell(self, call: Message) -> None:
         """Send what need not be shown as on its way: streams of edits are shown by what they edit."""
-        if isinstance(call, MakePlan):
+        if isinstance(call, MakePlan | SaveTemplate | ListLibrary):
             self._send(call)
         elif self._session is not None and self._may(call):
             self._session.send(call)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -15,30 +13,16 @@ import numpy as np
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
 from affordance_templates.placement import of_message, rotation_of, rpy_of, to_message
-from affordance_templates.template import ResolvedJoint, ResolvedTemplate
-from affordance_templates.template_schema import Parameter
+from affordance_templates.template import ResolvedTemplate
 from handrail.config import ConfigError
 from handrail.messages import GetReach, InstanceState, Message, Pose, Reach, WaypointReach
-from tablet_client.models import handle
+from tablet_client.models import handle, sliders
 from tablet_client.models.edits import Edits
 from tablet_client.models.view import Array, View
 from tablet_client.models.world import World
 
 _LASTS, _RENEWED = 10.0, 4.0  # s: how long what is reached is told, and when that is asked for anew
 _IN_FRONT = 0.15  # m, to the robot's right: where a template is placed that nothing says more of
-
-
-@dataclass(frozen=True)
-class Slider:
-    """A number that can be changed within bounds."""
-
-    name: str
-    title: str
-    unit: str
-    value: float
-    low: float
-    high: float
-    step: float
 
 
 @dataclass(frozen=True)
@@ -49,6 +33,17 @@ class Waypoint:
     pose: Array
     """(4, 4)"""
     reach: WaypointReach | None
+
+
+@dataclass(frozen=True)
+class Target:
+    """What an instance can go along with."""
+
+    kind: str
+    """`link`, `instance`, or `world`: nothing"""
+    name: str
+    now: bool
+    """whether it does"""
 
 
 class Bench:
@@ -63,6 +58,10 @@ class Bench:
         self.fine = self.snap = False
         self.trajectory = self.arm = ""
         self.arms: tuple[str, ...] = ()
+        self.tools: tuple[str, ...] = ()
+        """the arms' tools, links of the robot that something can be attached to"""
+        self.saved = ("", "")
+        """what became of the last template that was to be saved: `saving`, `saved` or `not_saved`, and its file, or why not"""
         self.hot = ""
         """the part of the handle that a finger is on"""
         self._grip: handle.Grip | None = None
@@ -165,22 +164,24 @@ class Bench:
     # ----------------------------------------------------------------------------------------- parameters and joints
 
     @property
-    def parameters(self) -> list[Slider]:
+    def parameters(self) -> list[sliders.Slider]:
         """What can be changed of the selected instance."""
         state = self.state
         if state is None:
             return []
-        schema = _schema(state.template)
+        schema = sliders.schema(state.template)
         values = {name: parameter.default for name, parameter in schema.items()} | state.parameters
-        return [_slider(name, value, schema.get(name)) for name, value in values.items()]
+        return [sliders.of_parameter(name, value, schema.get(name)) for name, value in values.items()]
 
     @property
-    def joints(self) -> list[Slider]:
+    def joints(self) -> list[sliders.Slider]:
         """The selected instance's joints, where they are looked at: rad, m."""
         state, resolved = self.state, self.resolved
         if state is None or resolved is None:
             return []
-        return [_joint(name, state.joint_state.get(name, 0.0), joint) for name, joint in resolved.joints.items()]
+        return [
+            sliders.of_joint(name, state.joint_state.get(name, 0.0), joint) for name, joint in resolved.joints.items()
+        ]
 
     def turn(self, parameter: str, value: float) -> None:
         """One of `parameters` is being changed."""
@@ -191,6 +192,12 @@ class Bench:
         """Show the selected instance with a joint somewhere; the robot believes what it did."""
         self._looked.setdefault(self.selected, {})[joint] = position
 
+    def believe(self) -> None:
+        """Tell the robot that its joints are where they are looked at."""
+        looked = self._looked.pop(self.selected, {})
+        if looked:
+            self.edits.set_joints(self.selected, looked)
+
     def look_away(self) -> None:
         """Show it as the robot believes it to be."""
         self._looked.pop(self.selected, None)
@@ -199,6 +206,27 @@ class Bench:
     def looked(self) -> bool:
         """Whether the selected instance is shown otherwise than the robot believes."""
         return self.selected in self._looked
+
+    # ---------------------------------------------------------------------------------------------------- attachments
+
+    @property
+    def targets(self) -> list[Target]:
+        """What the selected instance can go along with: tools, other instances, and the world where it goes with something."""
+        state = self.state
+        if state is None:
+            return []
+        along = state.attachment
+        found = [] if along is None else [Target("world", "", False)]
+        found += [Target("link", link, along is not None and along.link == link) for link in self.tools]
+        others = (name for name in self._world.instances if name != self.selected)
+        return found + [Target("instance", name, along is not None and along.instance == name) for name in others]
+
+    def attach(self, kind: str, name: str) -> None:
+        """Have the selected instance go along with one of `targets`."""
+        if any((each.kind, each.name) == (kind, name) for each in self.targets):
+            self.edits.attach(
+                self.selected, link=name if kind == "link" else "", instance=name if kind == "instance" else ""
+            )
 
     # ------------------------------------------------------------------------------------------------------ waypoints
 
@@ -331,13 +359,6 @@ def _moved(part: str, pose: Array) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=32)
-def _schema(template: str) -> Mapping[str, Parameter]:
-    with contextlib.suppress(ConfigError):
-        return catalogue.load(template).parameters
-    return {}
-
-
-@lru_cache(maxsize=32)
 def _resolved(encoded: bytes) -> ResolvedTemplate | None:
     state = msgspec.json.decode(encoded, type=InstanceState)
     try:
@@ -347,23 +368,3 @@ def _resolved(encoded: bytes) -> ResolvedTemplate | None:
         ).resolve()
     except (ConfigError, ValueError):
         return None
-
-
-def _slider(name: str, value: float, parameter: Parameter | None) -> Slider:
-    title = name.replace("_", " ")
-    if parameter is None:
-        return Slider(name, title, "", value, value, value, 0.0)
-    low, high = parameter.min, parameter.max
-    if not math.isfinite(low):
-        low = min(0.0, 2 * value, 2 * parameter.default) - (0 if value >= 0 else 1)
-    if not math.isfinite(high):
-        high = max(1.0, 2 * abs(value), 2 * abs(parameter.default))
-    step = 1.0 if parameter.integer else parameter.step or 0.0
-    return Slider(name, parameter.title or title, parameter.unit, value, low, high, step)
-
-
-def _joint(name: str, value: float, joint: ResolvedJoint) -> Slider:
-    turns = joint.kind != "prismatic"
-    low = joint.lower if math.isfinite(joint.lower) else (-math.pi if turns else -0.5)
-    high = joint.upper if math.isfinite(joint.upper) else (math.pi if turns else 0.5)
-    return Slider(name, name.replace("_", " "), "rad" if turns else "m", value, min(low, value), max(high, value), 0.0)

@@ -174,6 +174,7 @@ class Situation:
             self.quality.clear()
         self.robot.attach(item.info, item.status)
         self.bench.arms = tuple(item.info.arms)
+        self.bench.tools = tuple(item.info.tools.values())
         self.signals.describe(tuple(item.info.joints))
         self._link_news(item)
 
@@ -203,6 +204,7 @@ class Situation:
             self._stepped(item.answer)
         elif isinstance(item.answer, messages.SavedTemplate):
             self.note("good", "template_saved", item.answer.name, item.answer.file)
+            self.bench.saved = ("saved", item.answer.file)
         elif isinstance(item.answer, messages.Reach):
             self.bench.take(item.answer)
         elif isinstance(item.answer, messages.Library) and not item.call.engine:  # type: ignore[attr-defined]
@@ -237,6 +239,8 @@ class Situation:
         self.bench.edits.refused(item.call)
         if isinstance(item.call, messages.Jog):
             self.move.refused(item.why)
+        if isinstance(item.call, messages.SaveTemplate):
+            self.bench.saved = ("not_saved", item.why)
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
             return  # said beside the waypoints

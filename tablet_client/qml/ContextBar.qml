@@ -7,6 +7,8 @@ Flow {
 
     readonly property var view: desk.bench.view
 
+    signal more()
+
     objectName: "contextBar"
     visible: view.selected !== ""
     spacing: Theme.tight
@@ -31,17 +33,6 @@ Flow {
     }
     ActionButton { objectName: "undo"; text: qsTr("Undo"); why: Words.why(bar.view.why.undo); onClicked: desk.bench.do("undo") }
     ActionButton { objectName: "redo"; text: qsTr("Redo"); why: Words.why(bar.view.why.redo); onClicked: desk.bench.do("redo") }
-    ActionButton { objectName: "copy"; text: qsTr("Copy"); why: Words.why(bar.view.why.copy); onClicked: desk.bench.do("copy") }
-    // Asked twice, on the same button: undo brings it back.
-    ActionButton {
-        id: remove
-        property bool sure: false
-        objectName: "delete"
-        tone: "danger"
-        text: sure ? qsTr("Really delete") : qsTr("Delete")
-        why: Words.why(bar.view.why.delete)
-        onClicked: { if (sure) desk.bench.do("delete"); sure = !sure }
-        Timer { running: remove.sure; interval: 3000; onTriggered: remove.sure = false }
-    }
+    ActionButton { objectName: "more"; text: qsTr("More …"); Accessible.name: qsTr("All that can be done with %1").arg(bar.view.selected); onClicked: bar.more() }
     ActionButton { objectName: "deselect"; text: qsTr("Done"); onClicked: desk.bench.select("") }
 }

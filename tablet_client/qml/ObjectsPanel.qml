@@ -10,6 +10,16 @@ Panel {
     readonly property var view: desk.bench.view
     readonly property bool one: view.selected !== ""
 
+    // A section that was asked for from elsewhere comes into sight, once the layout has room for it.
+    readonly property string section: Pages.current === "objects" ? Pages.section : ""
+    onSectionChanged: if (section) Qt.callLater(reveal)
+    Component.onCompleted: if (section) Qt.callLater(reveal)
+    function reveal() {
+        const head = ({ waypoints: waypointsHead, parameters: parametersHead, joints: jointsHead })[section]
+        if (head) flick.contentY = Math.max(0, Math.min(head.y, flick.contentHeight - flick.height))
+        Pages.section = ""
+    }
+
     Flickable {
         id: flick
         objectName: "objects"
@@ -74,7 +84,7 @@ Panel {
                     }
                 }
             }
-            Caption { visible: panel.one && panel.view.trajectories.length > 0; text: qsTr("Waypoints") }
+            Caption { id: waypointsHead; visible: panel.one && panel.view.trajectories.length > 0; text: qsTr("Waypoints") }
             Flow {
                 visible: panel.one && panel.view.trajectories.length > 0
                 Layout.fillWidth: true
@@ -158,7 +168,7 @@ Panel {
                 why: Words.why(panel.view.why.plan)
                 onClicked: desk.bench.do("plan")
             }
-            Caption { visible: panel.one; text: qsTr("Parameters") }
+            Caption { id: parametersHead; visible: panel.one; text: qsTr("Parameters") }
             Column {
                 visible: panel.one
                 Layout.fillWidth: true
@@ -174,9 +184,18 @@ Panel {
                 }
             }
             RowLayout {
+                id: jointsHead
                 visible: panel.one && joints.count > 0
                 Layout.fillWidth: true
                 Caption { text: qsTr("Joints (to look at)"); Layout.fillWidth: true }
+                ActionButton {
+                    objectName: "believe"
+                    visible: panel.view.looked
+                    text: qsTr("It is so")
+                    why: Words.why(panel.view.why.edit)
+                    Accessible.name: qsTr("Tell the robot that the joints are so")
+                    onClicked: desk.bench.believe()
+                }
                 ActionButton {
                     objectName: "lookAway"
                     visible: panel.view.looked

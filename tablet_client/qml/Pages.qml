@@ -20,7 +20,10 @@ QtObject {
     property string current: "task"
     readonly property bool wide: all.some(page => page.name === current && page.wide === true)
 
-    function open(name) {
+    property string section: "" // of the page, to be brought into sight
+
+    function open(name, part) {
+        section = part || ""
         if (all.some(page => page.name === name)) current = name
         else console.error("no page " + name)
     }

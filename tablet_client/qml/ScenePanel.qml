@@ -41,8 +41,20 @@ Rectangle {
             onActiveChanged: {
                 if (active) desk.bench.grasp(point.position.x - 1, point.position.y - 1, scene.seen())
                 else desk.bench.release()
+                if (active && !grasps) resting.restart()
+                else resting.stop()
             }
-            onPointChanged: if (active && grasps) desk.bench.drag(point.position.x - 1, point.position.y - 1, scene.seen())
+            onPointChanged: {
+                if (active && grasps) desk.bench.drag(point.position.x - 1, point.position.y - 1, scene.seen())
+                const way = point.position, from = point.pressPosition
+                if (Math.hypot(way.x - from.x, way.y - from.y) > 10) resting.stop()
+            }
+        }
+        // Not a TapHandler's long press: that comes also when the handle has taken the finger meanwhile.
+        Timer {
+            id: resting
+            interval: 600
+            onTriggered: if (finger.active && !pinch.active) input.ask(finger.point.position)
         }
         DragHandler {
             property point last
@@ -68,6 +80,7 @@ Rectangle {
             }
         }
         PinchHandler {
+            id: pinch
             enabled: !finger.grasps
             target: null
             onScaleChanged: delta => scene.rig.zoom(delta)
@@ -81,6 +94,17 @@ Rectangle {
             enabled: !finger.grasps
             onSingleTapped: point => desk.bench.tap(point.position.x - 1, point.position.y - 1, scene.seen())
             onDoubleTapped: scene.rig.preset("robot")
+            longPressThreshold: resting.interval / 1000 // what rests so long is no tap
+        }
+        TapHandler {
+            enabled: !finger.grasps
+            acceptedButtons: Qt.RightButton
+            acceptedDevices: PointerDevice.Mouse
+            onTapped: point => input.ask(point.position)
+        }
+        // A finger that rests on an object, or the right button: what can be done with it.
+        function ask(at) {
+            if (desk.bench.tap(at.x - 1, at.y - 1, scene.seen())) menu.show(at)
         }
 
         Keys.onLeftPressed: scene.rig.orbit(30, 0)
@@ -185,7 +209,8 @@ Rectangle {
             }
         }
     }
-    ContextBar { id: context; anchors { top: views.bottom; left: parent.left; right: seen.left; margins: Theme.gap } }
+    ContextBar { id: context; onMore: menu.show(Qt.point(x, y + height + Theme.gap)); anchors { top: views.bottom; left: parent.left; right: seen.left; margins: Theme.gap } }
     GhostBar { anchors { left: parent.left; right: parent.right; bottom: parent.bottom; margins: Theme.gap } }
+    ObjectMenu { id: menu; objectName: "objectMenu"; anchors.fill: parent }
     EmptyScene { anchors.fill: parent }
 }

@@ -96,7 +96,6 @@ class Shown:
         from PySide6.QtCore import Qt
 
         self.until(lambda: self.item(name).isEnabled() and self.item(name).isVisible())
-        self.reveal(self.item(name))
         self._settle(name)
         self.test.mouseClick(self.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, self.middle(name))
 
@@ -104,9 +103,12 @@ class Shown:
         self.frames += 1
 
     def _settle(self, name: str) -> None:
-        """Waits until an item stands still: layouts are made frame by frame, and a frame may be long in coming."""
+        """Brings an item into sight, and waits until it stands still: layouts are made frame by frame, and a frame may be late."""
         before = None
-        while before != (before := self.middle(name)):
+        while True:
+            self.reveal(self.item(name))
+            if before == (before := self.middle(name)):
+                return
             count = self.frames
             self.window.update()
             self.until(lambda count=count: self.frames > count)
@@ -201,6 +203,7 @@ class Shown:
     def close(self) -> None:
         self.robot.released.set()
         self.session.close()
+        self.window.frameSwapped.disconnect(self._swapped)
         self.opened.close()
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import keyword
 import math
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from typing import Any
 
 import msgspec
@@ -23,6 +23,7 @@ from engines.programs.actions import Action
 from engines.programs.call import SIGNATURES, check_call
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.program import CONSTANTS, RETRIES, TEMPLATE, Program, State, Transition
+from engines.programs.scxml import SUFFIX
 from engines.programs.text import fields
 from handrail import compound_tasks
 from handrail.behaviour_file import SOME_ARM, BehaviourFile, find, with_frames
@@ -31,6 +32,8 @@ from handrail.config import ConfigError
 ERROR_OUTPUTS = frozenset({"message", "reason"})
 """what `_event.data` has after `error.execution`"""
 RESERVED = frozenset({*_event_data_kwargs, *CONSTANTS, "failure", "autonomy_level", "asked", "logged", "sent"})
+BEGIN = "handrail_begin"
+"""state that leads to those that a run begins in, where they are further down than the top"""
 STOPPED = "stopped"
 """id of the final state that every chart gets, for StopRun"""
 
@@ -45,14 +48,26 @@ def check(program: Program) -> None:
     for state in program.states():
         _check_shape(program, state)
         _check_activity(program, state)
+    try:
+        check_together({state.id: state for state in program.states()}, program.start)
+    except ValueError as problem:
+        raise program.document.error("start", str(problem).removeprefix("start_at: ")) from problem
     for state in program.states():
+        if state.start is not None:
+            _check_transition(program, state, state.start, states)
         for transition in (*state.transitions, *(t for each in state.history.values() for t in each)):
             _check_transition(program, state, transition, states)
         _check_ways_out(program, state)
     _check_outputs(program)
     if not any(state.file.final for state in program.roots):
         raise program.document.error("states", "no final state; expected at least one, with `outcome: succeeded`")
-    _check_reachable(program, states)
+    if not _is_scxml(program):
+        _check_reachable(program, states)
+
+
+def _is_scxml(program: Program) -> bool:
+    """SCXML has nothing against states that are never entered and transitions that do nothing: slips, in a program's file."""
+    return program.document.file.suffix == SUFFIX
 
 
 def _check_names(program: Program) -> None:
@@ -95,7 +110,7 @@ def _states_by_id(program: Program) -> dict[str, State]:
     states: dict[str, State] = {}
     for state in program.states():
         for id, path in ((state.id, state.path), *((name, f"{state.path}.history.{name}") for name in state.history)):
-            if not id.isidentifier() or hasattr(StateChart, id) or id in (STOPPED, "model", "id"):
+            if not id.isidentifier() or hasattr(StateChart, id) or id in (STOPPED, BEGIN, "model", "id"):
                 raise program.document.error(path, f"{id!r} can't be a state's name; expected another one")
             if id in states:
                 raise program.document.error(path, f"a state {id!r} is there already; expected names that are unique")
@@ -111,6 +126,26 @@ def _check_shape(program: Program, state: State) -> None:
     roots = [root for root in program.roots if root.file.initial]
     if len(roots) > 1:
         raise error(f"{roots[1].path}.initial", f"{roots[0].id!r} is initial already; expected one among siblings")
+    if state.start is not None:
+        way, inside = (
+            state.start.file,
+            {each for child in state.children for one in child.all() for each in (one.id, *one.history)},
+        )
+        if file.parallel or not state.children or marked:
+            raise error(
+                f"{state.path}.start",
+                "expected it in a state with others in it, none of them `initial`, that is not parallel",
+            )
+        if not way.target or not set(way.target.split()) <= {*inside, *state.history}:
+            raise error(f"{state.path}.start.target", f"got {way.target!r}; expected states within {state.id}")
+        if way.event or way.cond or way.after is not None or way.internal or way.autonomy:
+            raise error(f"{state.path}.start", "is always taken; expected `target`, `set` and `actions` alone")
+        if (way.set or way.actions) and way.target not in {*(child.id for child in state.children), *state.history}:
+            # python-statemachine does nothing on an initial transition that leads further down.
+            raise error(
+                f"{state.path}.start.target",
+                f"got {way.target!r}, with something done on the way; expected one of its own states",
+            )
     if file.retry and not file.do:
         raise error(f"{state.path}.retry", f"got {file.retry}; expected it where there is something to `do`")
     if file.parallel and not state.children:
@@ -141,11 +176,13 @@ def _check_transition(program: Program, state: State, transition: Transition, st
     for target in (file.target or "").split():
         if target not in states:
             raise program.document.error(f"{path}.target", f"no state {target!r}; expected one of {', '.join(states)}")
-    if file.internal and not set((file.target or "").split()) <= {
-        each.id for child in state.children for each in child.all()
-    }:
+    if (
+        file.internal
+        and not _is_scxml(program)
+        and not set((file.target or "").split()) <= {each.id for child in state.children for each in child.all()}
+    ):
         raise program.document.error(f"{path}.internal", f"got {file.target!r}; expected a target within {state.id}")
-    if file.target is None and not file.set and not file.actions:
+    if file.target is None and not file.set and not file.actions and not _is_scxml(program):
         raise program.document.error(path, "leads nowhere and does nothing; expected `target`, `set` or `actions`")
     if file.after is not None:
         if file.event is not None:
@@ -219,7 +256,8 @@ def _data_of(program: Program, path: str, event: str, states: dict[str, State]) 
 
 def _actions_of(state: State) -> Iterator[Action]:
     yield from (*state.enter, *state.exit)
-    for way in (*state.transitions, *(each for ways in state.history.values() for each in ways)):
+    start = () if state.start is None else (state.start,)
+    for way in (*state.transitions, *start, *(each for ways in state.history.values() for each in ways)):
         yield from way.actions
 
 
@@ -413,6 +451,21 @@ def _check_ways_out(program: Program, state: State) -> None:
         )
 
 
+def check_together(states: Mapping[str, State], start_at: Iterable[str]) -> None:
+    """Raise ValueError for states that are none, or can't be active together."""
+    within: dict[str | None, str] = {}
+    for id in start_at:
+        if id not in states:
+            raise ValueError(f"start_at: got {id!r}; expected one of {', '.join(states)}")
+        for state in states[id].lineage():
+            above = state.parent
+            if above is not None and above.file.parallel:
+                continue
+            key = above.id if above is not None else None
+            if within.setdefault(key, state.id) != state.id:
+                raise ValueError(f"start_at: {id!r} can't be active together with {within[key]!r}")
+
+
 def takes(way: Transition, event: str) -> bool:
     """SCXML §3.12.1: a descriptor matches an event whose first tokens are its tokens."""
     tokens = event.split(".")
@@ -426,7 +479,8 @@ def takes(way: Transition, event: str) -> bool:
 def _check_reachable(program: Program, states: dict[str, State]) -> None:
     """Every state must be entered by some way: as a target, as an initial child, as a sibling in parallel, or as an ancestor."""
     first = next((root for root in program.roots if root.file.initial), program.roots[0])
-    waiting: list[tuple[State, bool]] = [(first, True)]  # and whether its initial children are entered with it
+    begins = [states[id] for id in program.start] or [first]
+    waiting = [(state, True) for state in begins]  # and whether its initial children are entered with it
     seen: set[tuple[str, bool]] = set()
     while waiting:
         state, whole = waiting.pop()
@@ -434,7 +488,8 @@ def _check_reachable(program: Program, states: dict[str, State]) -> None:
             continue
         seen.add((state.id, whole))
         waiting += [(child, True) for child in state.initial_children()] if whole else []
-        for way in (*state.transitions, *(way for each in state.history.values() for way in each)):
+        start = () if state.start is None else (state.start,)
+        for way in (*state.transitions, *start, *(way for each in state.history.values() for way in each)):
             for target in (way.file.target or "").split():
                 waiting.append((states[target], target not in states[target].history))
         if state.parent is not None:

@@ -6,12 +6,12 @@ failure is known only to the program whose activity has failed: a parallel regio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from engines.programs import actions
 from engines.programs.actions import Action
-from engines.programs.check import STOPPED, takes
+from engines.programs.check import BEGIN, STOPPED, takes
 from engines.programs.expressions import FAILED_IN, location, within
 from engines.programs.program import AUTONOMY, Program, State, Transition
 
@@ -22,31 +22,23 @@ RETRY = "handrail.retry"
 ALLOW = "handrail.allow"
 
 
-def initial(states: Mapping[str, State], start_at: Iterable[str]) -> dict[str | None, str]:
-    """Parent (None: of all) → the child that is entered first, where the program itself does not say so or is overruled."""
-    initial: dict[str | None, str] = {}
-    for id in start_at:
-        if id not in states:
-            raise ValueError(f"start_at: got {id!r}; expected one of {', '.join(states)}")
-        for state in states[id].lineage():
-            above = state.parent
-            if above is not None and above.file.parallel:
-                continue
-            key = above.id if above is not None else None
-            if initial.setdefault(key, state.id) != state.id:
-                raise ValueError(f"start_at: {id!r} can't be active together with {initial[key]!r}")
-    return initial
+def chart(program: Program, start_at: Sequence[str]) -> dict[str, Any]:
+    """The program, with a final state that StopRun leads to from everywhere.
 
-
-def chart(program: Program, initial: Mapping[str | None, str]) -> dict[str, Any]:
-    """The program, with a final state that StopRun leads to from everywhere."""
-    first = initial.get(None) or next((root.id for root in program.roots if root.file.initial), program.roots[0].id)
+    :param start_at: the states that it begins in, however deep; none: as the program says. How a state is
+        entered later is not touched by that.
+    """
+    first = next((root.id for root in program.roots if root.file.initial), program.roots[0].id)
     several = any(state.called is not None for state in program.states())
-    states = {state.id: _state(state, initial, state.id == first, several) for state in program.roots}
-    return {"name": program.name, "states": {**states, STOPPED: {"final": True}}}
+    begin: dict[str, Any] = {}
+    if targets := " ".join(start_at or program.start):
+        first = BEGIN
+        begin = {BEGIN: {"initial": True, "transitions": [{"target": targets}]}}
+    states = {state.id: _state(state, state.id == first, several) for state in program.roots}
+    return {"name": program.name, "states": {**begin, **states, STOPPED: {"final": True}}}
 
 
-def _state(state: State, initial: Mapping[str | None, str], first: bool, several: bool) -> dict[str, Any]:
+def _state(state: State, first: bool, several: bool) -> dict[str, Any]:
     """`first`: it is entered with its parent; `several`: there are programs that others run."""
     done = {"enter": actions.native(state.enter, state.scope), "exit": actions.native(state.exit, state.scope)}
     if state.file.final:
@@ -68,10 +60,12 @@ def _state(state: State, initial: Mapping[str | None, str], first: bool, several
     if not state.children or any(child.file.final for child in state.children):
         # First in each innermost state: no other transition of the program can take the event away.
         native["transitions"].insert(0, {"event": STOP, "target": STOPPED})
+    if state.start is not None:
+        native["transitions"].append({"initial": True, **_transition(state.start, state.scope, None)})
     if state.children:
-        entered = {initial[state.id]} if state.id in initial else {child.id for child in state.initial_children()}
+        entered = {child.id for child in state.initial_children()} if state.start is None else set()
         native["states"] = {
-            child.id: _state(child, initial, not state.file.parallel and child.id in entered, several)
+            child.id: _state(child, not state.file.parallel and child.id in entered, several)
             for child in state.children
         }
     if state.history:

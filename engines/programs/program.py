@@ -70,6 +70,8 @@ class State:
     history_type: dict[str, str] = field(default_factory=dict)
     enter: tuple[Action, ...] = ()
     exit: tuple[Action, ...] = ()
+    start: Transition | None = None
+    """that is taken where it is entered itself, instead of its initial child"""
     scope: str = ""
     """id of the state that runs the program that it belongs to; empty: the program itself"""
     called: Program | None = None
@@ -97,6 +99,10 @@ class State:
         """Those that are entered with it: all of a parallel state, else the initial one (the first where none is marked)."""
         if not self.children or self.file.parallel:
             return self.children
+        if self.start is not None:
+            there = set((self.start.file.target or "").split())
+            led = [each for each in self.children if any(there & {one.id, *one.history} for one in each.all())]
+            return led or self.children[:1]  # none: a history of its own
         return [next((child for child in self.children if child.file.initial), self.children[0])]
 
 
@@ -115,6 +121,8 @@ class Program:
     parameters: Mapping[str, Parameter]
     variables: Mapping[str, Any]
     outputs: Mapping[str, Output]
+    start: tuple[str, ...]
+    """ids of the states that a run begins in; none: the initial one"""
     roots: tuple[State, ...]
     """top-level states, in the file's order"""
     texts: Mapping[str, str]
@@ -227,6 +235,7 @@ class _Reader:
             parameters=_each(document, "parameters", whole.parameters, Parameter),
             variables=whole.variables,
             outputs=_each(document, "outputs", whole.outputs, Output),
+            start=tuple(whole.start.split()),
             roots=roots,
             texts={
                 name: text for each in called.values() for name, text in {each.name: each.text, **each.texts}.items()
@@ -236,6 +245,9 @@ class _Reader:
         for state in callers:
             if state.called is not None:
                 state.children = [_within(root, state, state.id) for root in state.called.roots]
+                if state.called.start:
+                    inner = " ".join(f"{state.id}/{id}" for id in state.called.start)
+                    state.start = Transition(state.path, TransitionFile(target=inner))
         return program
 
     def _called(self, document: config.Document, state: State) -> Program | None:
@@ -285,6 +297,7 @@ def _within(state: State, parent: State, caller: str) -> State:
         history_type={named(name): type for name, type in state.history_type.items()},
         enter=state.enter,
         exit=state.exit,
+        start=None if state.start is None else way(state.start),
         scope=named(state.scope) if state.scope else caller,
         called=state.called,
     )
@@ -298,6 +311,10 @@ def _state(document: config.Document, path: str, id: str, parent: State | None) 
     state.transitions = _transitions(document, f"{path}.transitions", len(file.transitions))
     state.enter = actions.read(document, f"{path}.enter", file.enter)
     state.exit = actions.read(document, f"{path}.exit", file.exit)
+    if file.start:
+        where = f"{path}.start"
+        way = document.convert(TransitionFile, where)
+        state.start = Transition(where, way, actions.read(document, f"{where}.actions", way.actions))
     for name in file.history:
         where = f"{path}.history.{name}"
         history = document.convert(HistoryFile, where)

@@ -113,6 +113,8 @@ class StateFile(_Struct, rename={"with_": "with"}):
     exit: list[Any] = []
     transitions: list[Any] = []
     states: dict[str, Any] = {}
+    start: dict[str, Any] = {}
+    """a transition that is taken where the state is entered itself: to states in it, however deep, instead of the `initial` one"""
     history: dict[str, Any] = {}
     outcome: Literal["succeeded", "failed", ""] = ""
     """top-level final states: how the run ends, or the state that runs this program: done, or failed"""
@@ -131,6 +133,8 @@ class ProgramFile(_Struct):
     parameters: dict[str, Any] = {}
     variables: dict[str, Literals] = {}
     outputs: dict[str, Any] = {}
+    start: str = ""
+    """states that a run begins in, however deep, instead of the `initial` one; one, or one of each parallel region"""
 
 
 def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
@@ -159,6 +163,7 @@ def json_schema(activities: Mapping[str, Mapping[str, bool]]) -> dict[str, Any]:
             )
             for field in fields
         ),
+        (StateFile, "start", of(TransitionFile)),
         (StateFile, "history", {"type": "object", "additionalProperties": of(HistoryFile)}),
         (ProgramFile, "resources", {"type": "object", "additionalProperties": of(Resource)}),
         (ProgramFile, "parameters", {"type": "object", "additionalProperties": of(Parameter)}),

@@ -47,17 +47,23 @@ class _Reader:
             raise self._error(root, f"datamodel={model!r}; expected one of {', '.join(_DATAMODELS)}")
         if root.attributes.get("binding", "early") != "early":
             raise self._error(root, "variables have their values from the start; expected binding='early'")
-        states = self._states(root, top=True)
+        states, start = self._states(root, top=True)
         data = Map()
         _put(data, "title", root.attributes.get("name", self._file.stem), root.line)
         for name, part in self._top.items():
             if part:
                 _put(data, name, part, root.line)
         _put(data, "states", states, root.line)
+        if start is not None:
+            _put(data, "start", start["target"], root.line)
         return Document(self._file, data)
 
-    def _states(self, parent: Element, *, top: bool = False) -> Map:
-        states, first = Map(), parent.attributes.get("initial", "")
+    def _states(self, parent: Element, *, top: bool = False) -> tuple[Map, Map | None]:
+        """The states in it, and how it is entered itself, where that is more than an initial one of them."""
+        states, start = Map(), None
+        if first := parent.attributes.get("initial", ""):
+            start = Map()
+            _put(start, "target", first, parent.line)
         for each in parent.children:
             if each.tag in _STATES:
                 self._once(states, self._id(each), self._state(each, top=top), each)
@@ -65,19 +71,15 @@ class _Reader:
                 for data in each.children:
                     self._data(data)
             elif each.tag == "initial" and not top:
-                way = self._transition(self._only(each, "transition"))
-                if way.keys() != {"target"}:
-                    raise self._error(each, "does something on the way; expected a target alone")
-                first = way["target"]
+                start = self._transition(self._only(each, "transition"))
             elif top or each.tag not in ("transition", "history", "invoke", "donedata", "onentry", "onexit"):
                 raise self._refused(each)
-        if first:
-            if first not in states:
-                raise self._error(parent, f"initial={first!r}; expected one of its own states: {', '.join(states)}")
-            if states[first] is None:
-                states[first] = Map()
-            _put(states[first], "initial", True, parent.line)
-        return states
+        if start is not None and start.keys() == {"target"} and (only := start["target"]) in states:
+            if states[only] is None:
+                states[only] = Map()
+            _put(states[only], "initial", True, parent.line)
+            start = None
+        return states, start
 
     def _state(self, element: Element, *, top: bool) -> Map:
         self._known(element)
@@ -121,7 +123,9 @@ class _Reader:
                     continue
                 for name, value in self._parameters(each).items():
                     _put(state, name, value, each.line)
-        children = self._states(element)
+        children, start = self._states(element)
+        if start is not None:
+            _put(state, "start", start, element.line)
         if element.tag == "parallel":
             _put(state, "parallel", True, element.line)
         parts = {"enter": entered["onentry"], "exit": entered["onexit"]}

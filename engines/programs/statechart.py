@@ -18,7 +18,7 @@ from statemachine.io.yaml.reader import YAMLReader
 
 from engines.activities.base import Activity
 from engines.programs import actions, native
-from engines.programs.check import STOPPED
+from engines.programs.check import STOPPED, check_together
 from engines.programs.doing import Doing, Event
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.native import AFTER, ALLOW, RETRY, STOP, TAKE
@@ -91,7 +91,8 @@ class Chart(Interpreter):
         self._fresh: set[str] = set()
         """active states that run a program in which nothing has been done yet"""
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        definition = native.chart(program, native.initial(self._by_id, start_at))
+        check_together(self._by_id, start_at)
+        definition = native.chart(program, start_at)
         above = (each.id for id in start_at for each in self._by_id[id].lineage() if each.id != id)
         self._scopes.keep_restored(frozenset(above))
         self.process_definition(native_dict_to_definition(definition), location=program.name)

@@ -117,7 +117,7 @@ def test_it_is_found_in_a_workspace_by_its_name(tmp_path, monkeypatch):
         ("</scxml>", "<script>x</script></scxml>", r":24: <script>: no program has that here"),
         ("<assign ", "<cancel sendid='x'/><assign ", r":17: <cancel>: no program has that here"),
         ('version="1.0" name', 'version="1.0" datamodel="xpath" name', r":2: <scxml>: datamodel='xpath'; expected"),
-        ('initial="work"', 'initial="asking"', r":2: <scxml>: initial='asking'; expected one of its own states"),
+        ('initial="work"', 'initial="nobody"', r":2: start: got 'nobody'; expected one of"),
         ('target="bad"', 'target="worse"', r":21: states\.work\.transitions\[0\]\.target: no state 'worse'"),
         ("n + 1 &lt; most", "f(n)", r":17: states\.work\.states\.asking\.transitions\[0\]\.cond: .* not an expression"),
         ('type="prompt"', 'type="pray"', r":13: states\.work\.states\.asking\.do: no activity 'pray'"),

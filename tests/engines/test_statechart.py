@@ -11,6 +11,7 @@ from engines.activities.base import Activity, ActivityFailed
 from engines.programs import program
 from engines.programs.statechart import Chart, Event
 from engines.runs.clock import RunClock
+from handrail.config import ConfigError
 
 NOW = 7_000_000_000
 """ns of the robot's clock when a run begins"""
@@ -416,3 +417,79 @@ def test_an_activity_that_ends_long_after_its_state_was_left_does_not_keep_the_n
     chart.step()
     assert second.cancelled.is_set()
     second.end({})
+
+
+INNER = """\
+states:
+  outer:
+    states:
+      first: {transitions: [{event: on, target: second}]}
+      second: {transitions: [{event: out, target: away}]}
+  away: {transitions: [{event: back, target: outer}]}
+  good: {final: true, outcome: succeeded}
+"""
+
+
+def test_where_a_run_begins_further_down_the_state_is_entered_as_its_file_says_later(tmp_path):
+    file = tmp_path / "p.yaml"
+    file.write_text(
+        HEAD + INNER.replace("transitions: [{event: back", "transitions: [{event: end, target: good}, {event: back")
+    )
+    found = program.read(file)
+    chart = Chart(found, found.variables, Step, start_at=["second"])
+    chart.begin()
+    assert chart.active() == ["outer", "second"]
+    for event in ("out", "back"):
+        chart.post(Event(event))
+        chart.step()
+    assert chart.active() == ["outer", "first"]
+
+
+STARTS = """\
+start: one_b two_b
+states:
+  both:
+    parallel: true
+    states:
+      one: {states: {one_a: {transitions: [{event: x, target: one_b}]}, one_b: {transitions: [{event: next, target: away}]}}}
+      two: {states: {two_a: {transitions: [{event: x, target: two_b}]}, two_b: {transitions: [{event: x, target: two_a}]}}}
+  away:
+    enter: [{set: {why: "why + 'entered '"}}]
+    start: {target: middle, set: {n: n + 1}, actions: [{set: {why: "why + 'on the way '"}}]}
+    transitions: [{event: next, target: both}, {event: end, target: good}]
+    states:
+      middle:
+        start: {target: deep}
+        states:
+          shallow: {transitions: [{event: x, target: deep}]}
+          deep: {enter: [{set: {why: "why + 'there'"}}], transitions: [{event: x, target: shallow}]}
+  good: {final: true, outcome: succeeded}
+"""
+
+
+def test_a_run_and_a_state_begin_further_down_with_what_is_done_on_the_way(begin):
+    chart = begin(STARTS)
+    assert set(chart.active()) == {"both", "one", "two", "one_b", "two_b"}
+    chart.post(Event("next"))
+    chart.step()
+    assert chart.active() == ["away", "middle", "deep"]
+    assert chart.variables()["why"] == "entered on the way there" and chart.variables()["n"] == 1
+    chart.post(Event("next"))
+    chart.step()
+    assert set(chart.active()) == {"both", "one", "two", "one_a", "two_a"}, "the run's start is the run's alone"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("start: one_b two_b", "start: one_b one_a", "'one_a' can't be active together with 'one_b'"),
+        ("start: one_b two_b", "start: nowhere", "start: got 'nowhere'"),
+        ("target: middle, set", "target: one_b, set", "states within away"),
+        ("target: middle, set", "target: deep, set", "done on the way; expected one of its own"),
+        ("{target: middle, set", "{event: x, target: middle, set", "is always taken"),
+        ("    parallel: true", "    parallel: true\n    start: {target: one_b}", "not parallel"),
+    ],
+)
+def test_a_start_that_leads_nowhere_within_is_refused_by_field(begin, old, new, told):
+    with pytest.raises(ConfigError, match=told):
+        begin(STARTS.replace(old, new))

@@ -9,12 +9,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,29 +20,10 @@ import numpy as np
 
 from benchmarks.peers import environment
 from benchmarks.rows import Row
+from benchmarks.virtual_screen import virtual_screen
 
 PEER = ("pyvista==0.46.4",)
 _ROUNDS, _SECONDS, _CLOUDS = 3, 4.0, 10_000
-
-
-@contextlib.contextmanager
-def _screen() -> Iterator[str]:
-    """A virtual X screen's name. Raises OSError where Xvfb is not installed."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        raise OSError("Xvfb is not installed; expected the Debian package xvfb, or its like")
-    reading, writing = os.pipe()
-    server = subprocess.Popen(
-        [program, "-displayfd", str(writing), "-screen", "0", "1280x800x24", "-nolisten", "tcp", "-noreset"],
-        pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    os.close(writing)
-    try:
-        with os.fdopen(reading) as answer:
-            yield f":{answer.readline().strip()}"
-    finally:
-        server.kill()
-        server.wait()
 
 
 class _Child:
@@ -114,7 +93,12 @@ def rows() -> list[Row]:
         plain |= {"LIBGL_ALWAYS_SOFTWARE": "1"}
         ours = _Child(
             [sys.executable, "-m", "benchmarks.tablet_scene", str(time.time())],
-            plain | {"DISPLAY": stack.enter_context(_screen()), "QT_QPA_PLATFORM": "xcb", "QSG_RENDER_LOOP": "basic"},
+            plain
+            | {
+                "DISPLAY": stack.enter_context(virtual_screen("1280x800")),
+                "QT_QPA_PLATFORM": "xcb",
+                "QSG_RENDER_LOOP": "basic",
+            },
         )
         stack.callback(ours.close)
         first = ours.ask(do="first")
@@ -123,7 +107,7 @@ def rows() -> list[Row]:
             bare = {name: value for name, value in plain.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
             peer: _Child | None = _Child(
                 [python, str(Path(__file__).with_name("tablet_peer.py")), str(folder / "scene.npz")],
-                bare | {"DISPLAY": stack.enter_context(_screen())},
+                bare | {"DISPLAY": stack.enter_context(virtual_screen("1280x800"))},
             )
         except (OSError, subprocess.CalledProcessError) as problem:
             print(f"VTK is left out: {problem}", file=sys.stderr)

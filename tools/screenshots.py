@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from benchmarks.virtual_screen import virtual_screen
 from handrail.client import Client, connect
 from handrail.link.keys import ClientKeys, for_client
 from handrail.messages import Pose
@@ -33,20 +34,6 @@ SIZES = ((1280, 800), (1920, 1200))
 VALVE = Pose(position=(0.55, -0.35, 0.30))
 _COLOURS, _PATIENCE = 256, 300.0  # s
 _VIVID = 70
-
-
-@contextmanager
-def _screen() -> Iterator[str]:
-    reading, writing = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1920x1200x24", "-nolisten", "tcp", "-noreset"]
-    server = subprocess.Popen(command, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    os.close(writing)
-    try:
-        with os.fdopen(reading) as answer:
-            yield f":{answer.readline().strip()}"
-    finally:
-        server.kill()
-        server.wait()
 
 
 @contextmanager
@@ -199,7 +186,7 @@ def main() -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="handrail-")))
         os.environ.update(
             HANDRAIL_RUNTIME=str(folder / "run"), HANDRAIL_KEYS=str(folder / "keys"),
-            DISPLAY=stack.enter_context(_screen()), QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic",
+            DISPLAY=stack.enter_context(virtual_screen()), QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic",
         )  # fmt: skip
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))

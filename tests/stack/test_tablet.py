@@ -128,6 +128,11 @@ def test_a_wheel_is_placed_dragged_onto_the_valve_that_is_seen_and_turned_though
     shown.press("place_wheel")
     shown.until(lambda: "wheel_1" in shown.desk.situation.world.instances)
     shown.until(lambda: shown.find("handle").property("visible"))
+    from PySide6.QtCore import Qt
+
+    shown.item("sceneInput").forceActiveFocus(Qt.FocusReason.TabFocusReason)
+    for _ in range(3):
+        shown.key(Qt.Key.Key_Minus)  # from further off: all that is dragged stays in sight
     drag(shown, np.array(AWAY))
     shown.until(lambda: "not" in reached(shown).values())
     for _ in range(3):

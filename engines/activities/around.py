@@ -50,14 +50,16 @@ class Circle:
     """(4, 4): the frame in the world"""
     free: bool
     """whether the frame may be turned about its own z as it likes"""
+    lag: float = 0.0
+    """rad by which the frame may be turned less than what it pushes"""
 
     @classmethod
-    def of(cls, instance: Instance, joint: str, start: Array, *, free: bool) -> Circle:
+    def of(cls, instance: Instance, joint: str, start: Array, *, free: bool, lag: float = 0.0) -> Circle:
         """About a revolute joint of an instance, where the joint's parents stand now."""
         frame = of_message(instance.pose_in_world) @ instance.resolve().frame(joint)
         axis = frame[:3, 0]
         centre = frame[:3, 3] + axis * float(axis @ (start[:3, 3] - frame[:3, 3]))
-        return cls(centre, axis, start, free)
+        return cls(centre, axis, start, free, lag)
 
     @property
     def radius(self) -> float:
@@ -65,9 +67,10 @@ class Circle:
         return float(np.linalg.norm(self.start[:3, 3] - self.centre))
 
     def at(self, angle: float) -> Array:
-        """(4, 4): the frame in the world when it has gone round by so many rad."""
+        """(4, 4): the frame in the world when it has gone round by so many rad; it is turned by `lag` less, or not yet."""
         turn, there = turn_about(self.axis, angle), self.start.copy()
         there[:3, 3] = self.centre + turn @ (self.start[:3, 3] - self.centre)
+        turn = turn_about(self.axis, math.copysign(max(abs(angle) - self.lag, 0.0), angle))
         if self.free:
             pointing = self.start[:3, 2]
             turn = shortest_turn(pointing.tolist(), turn @ pointing)

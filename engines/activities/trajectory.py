@@ -16,7 +16,15 @@ import numpy as np
 
 from affordance_templates.binding import BoundWaypoint
 from affordance_templates.instance import Instance
-from affordance_templates.placement import Array, of_message, placed, shortest_turn, to_message, turn_between
+from affordance_templates.placement import (
+    Array,
+    of_message,
+    placed,
+    shortest_turn,
+    to_message,
+    turn_about,
+    turn_between,
+)
 from affordance_templates.template import ResolvedJoint
 from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
@@ -44,6 +52,8 @@ _BEYOND = 0.03
 """m that a guarded way goes on past its waypoint: the object may stand a little further away"""
 _HERE, _TURNED = 0.001, 0.01
 """m, rad: a hand so near is there"""
+_EXACT = math.radians(5.0)
+"""a tolerance of where a tool points up to which it is no leave to point elsewhere"""
 _PRESS_S = 3.0
 """for which a push along a joint goes on, if its waypoint names no duration"""
 _FELT = 0.25
@@ -190,7 +200,7 @@ class TrajectoryActivity(Activity):
     def _straight(self, waypoint: BoundWaypoint) -> None:
         asked, here, there = waypoint.waypoint, self._hand(), waypoint.tip_in_world.copy()
         if waypoint.tolerance.rotation[2] >= math.pi:  # turning about where it points is free: no more than it must
-            there[:3, :3] = shortest_turn(here[:3, 2].tolist(), there[:3, 2]) @ here[:3, :3]
+            there[:3, :3] = _turned(here, there, _slack(waypoint))
         way = there[:3, 3] - here[:3, 3]
         length, angle = float(np.linalg.norm(way)), turn_between(here, there)
         force = waypoint.force_in_world
@@ -253,7 +263,7 @@ class TrajectoryActivity(Activity):
         size = float(np.linalg.norm(waypoint.force_in_world))
         now = self.services.affordances.get(self._instance.name)
         free = waypoint.tolerance.rotation[2] >= math.pi
-        circle = Circle.of(now, asked.joint, self._hand(), free=free)
+        circle = Circle.of(now, asked.joint, self._hand(), free=free, lag=_slack(waypoint))
         speed = abs(by) * circle.radius / asked.duration if asked.duration else asked.speed or _SPEED
         chords = circle.chords(by, size, speed, self._arm)
         for first in range(0, len(chords), MOST):
@@ -321,6 +331,23 @@ class TrajectoryActivity(Activity):
             raise ActivityFailed("unknown_state", "the daemon has not told where the robot is: is it running?")
         position, orientation = (each.tolist() for each in self.services.tip_pose(command, self.values["arm"]))
         return of_message(Pose(position=tuple(position), orientation=tuple(orientation)))
+
+
+def _slack(waypoint: BoundWaypoint) -> float:
+    """rad by which the tool may point elsewhere than the waypoint does; a small tolerance is how well it has to be met."""
+    allowed = float(min(waypoint.tolerance.rotation[:2]))
+    return allowed if allowed > _EXACT else 0.0
+
+
+def _turned(here: Array, there: Array, slack: float) -> Array:
+    """(3, 3): the hand turned from `here` towards where it is to point `there`, (4, 4) each, no further than it must."""
+    angle = math.acos(max(-1.0, min(1.0, float(here[:3, 2] @ there[:3, 2]))))
+    if angle <= slack:
+        return here[:3, :3].copy()
+    axis = np.cross(here[:3, 2], there[:3, 2])
+    if slack == 0.0 or np.linalg.norm(axis) < 1e-6:
+        return np.asarray(shortest_turn(here[:3, 2].tolist(), there[:3, 2]) @ here[:3, :3])
+    return np.asarray(turn_about(axis / np.linalg.norm(axis), angle - slack) @ here[:3, :3])
 
 
 def _axes_along(direction: Array | None) -> tuple[float, float, float, float]:

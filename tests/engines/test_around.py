@@ -22,11 +22,11 @@ def lever(**joints: float) -> Instance:
     return Instance("it", catalogue.load("lever_valve"), Pose(position=(0.5, -0.3, 0.2)), {}, joint_state=joints)
 
 
-def circle(*, free: bool) -> Circle:
+def circle(*, free: bool, lag: float = 0.0) -> Circle:
     """Of a tool 0.1 m above the lever's stem that points along the world's −z."""
     start = np.eye(4)
     start[:3, 3] = 0.45, -0.3, 0.3
-    return Circle.of(lever(), "stem", start, free=free)
+    return Circle.of(lever(), "stem", start, free=free, lag=lag)
 
 
 def test_its_centre_is_on_the_hinge_beside_the_tool():
@@ -44,6 +44,13 @@ def test_what_is_held_turns_with_the_hinge_and_a_tool_that_may_turn_about_itself
     start[:3, 3] = 0.45, -0.3, 0.3
     along = Circle.of(lever(), "stem", start, free=True).at(math.pi / 3)
     assert turn_between(start, along) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("angle", "turned"), [(0.5, 0.0), (-0.5, 0.0), (1.5, 0.8), (-1.5, 0.8)])
+def test_a_tool_that_may_point_elsewhere_is_turned_only_by_what_is_beyond_that_and_goes_all_the_way(angle, turned):
+    there = circle(free=False, lag=0.7).at(angle)
+    assert turn_between(np.eye(4), there) == pytest.approx(turned)
+    assert there[:3, 3] == pytest.approx(circle(free=False).at(angle)[:3, 3])
 
 
 @pytest.mark.parametrize("by", [math.pi / 2, -math.pi / 6, 0.01])

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from affordance_templates.placement import turn_about, turn_between
 from affordance_templates.server import AffordanceServer
 from engines.activities.base import ActivityFailed
-from engines.activities.trajectory import TrajectoryActivity
+from engines.activities.trajectory import TrajectoryActivity, _turned
 from handrail.messages import MoveInstance, PlaceInstance, Pose, RemoveInstance
 from handrail.robot import library as robots
 
@@ -156,3 +157,13 @@ def test_a_push_by_itself_knows_from_the_motion_before_whether_it_is_at_its_stop
         assert failed.value.reason == "stuck"
     else:
         assert activity.run()["moved"] == press.to
+
+
+@pytest.mark.parametrize(("slack", "turned"), [(0.0, 0.6), (0.2, 0.4), (0.7, 0.0)])
+def test_a_tool_is_turned_no_further_than_to_where_it_may_point(slack, turned):
+    here, there = np.eye(4), np.eye(4)
+    there[:3, :3] = turn_about(np.array([0.0, 1.0, 0.0]), 0.6)
+    after = np.eye(4)
+    after[:3, :3] = _turned(here, there, slack)
+    assert turn_between(here, after) == pytest.approx(turned)
+    assert turn_between(after, there) == pytest.approx(0.6 - turned)

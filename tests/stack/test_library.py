@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -101,3 +103,33 @@ def test_one_hand_holds_a_canister_while_the_other_one_twists_its_cap_stroke_by_
     assert np.linalg.norm(np.subtract(there.position, before.position)) < 0.01, there
     turned = 2 * math.acos(min(1.0, abs(float(np.dot(there.orientation, before.orientation)))))
     assert turned < math.radians(15), "the other hand has kept the canister from turning, and from falling over"
+
+
+def test_one_hand_holds_a_drill_while_the_other_one_squeezes_its_trigger(start_stack) -> None:
+    stack: Stack = start_stack(scene="squeeze_trigger", robot="talos_upper_grippers")
+    stack.wait_up()
+    robot = stack.connect()
+    robot.enable(60.0)
+    truth, over = stack.truth(), threading.Event()
+    turn = Pose(position=(0.48, -0.02, 0.10), orientation=(0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
+    robot.place_instance("drill", "drill", turn)
+    robot.place_instance(
+        "table", "box", Pose(position=(0.48, -0.02, -0.02)), {"depth": 0.14, "width": 0.14, "height": 0.04}
+    )
+
+    def watch() -> float:
+        deepest = 0.0
+        while not over.is_set():
+            deepest = max(deepest, truth.now().hinges["drill.trigger"])
+        return deepest
+
+    with ThreadPoolExecutor(1) as beside:
+        watching = beside.submit(watch)
+        ended = carried_out(robot, "squeeze_trigger", {"holding": "right", "pressing": "left", "drill": "drill"})
+        over.set()
+        deepest = watching.result()
+    assert ended.status == "succeeded", ended.detail
+    assert deepest > 0.003, "of 8 mm, against its spring"
+    now = truth.now()
+    assert abs(now.hinges["drill.trigger"]) < 0.001, "its spring has it back"
+    assert now.peak_contact_force["drill"] < 60.0

@@ -31,15 +31,31 @@ class Rows(QAbstractListModel):
 
     def show(self, rows: list[dict[str, Any]]) -> None:
         """Take these lines."""
-        if [row[self._key] for row in rows] != [row[self._key] for row in self._rows]:
-            self.beginResetModel()
-            self._rows = rows
-            self.endResetModel()
-            return
+        self._replace(rows)
         for number, (before, after) in enumerate(zip(self._rows, rows, strict=True)):
             if before != after:
                 self._rows[number] = after
                 self.dataChanged.emit(self.index(number, 0), self.index(number, 0))
+
+    def _replace(self, rows: list[dict[str, Any]]) -> None:
+        """Take lines out and in so that there are the same as in `rows`; those that stay are not made anew."""
+        before, after = [row[self._key] for row in self._rows], [row[self._key] for row in rows]
+        if before == after:
+            return
+        same = 0
+        while same < min(len(before), len(after)) and before[same] == after[same]:
+            same += 1
+        tail = 0
+        while tail < min(len(before), len(after)) - same and before[-1 - tail] == after[-1 - tail]:
+            tail += 1
+        if len(before) - tail > same:
+            self.beginRemoveRows(QModelIndex(), same, len(before) - tail - 1)
+            del self._rows[same : len(before) - tail]
+            self.endRemoveRows()
+        if len(after) - tail > same:
+            self.beginInsertRows(QModelIndex(), same, len(after) - tail - 1)
+            self._rows[same:same] = rows[same : len(after) - tail]
+            self.endInsertRows()
 
     @property
     def lines(self) -> list[dict[str, Any]]:

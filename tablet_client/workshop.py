@@ -1,4 +1,4 @@
-"""The desks of what is made and looked into at the robot: its output."""
+"""The desks of what is made and looked into at the robot: its output, the code of its nodes and programs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from PySide6.QtCore import Property, QObject
 
 from handrail.messages import GetNodes, Message
+from tablet_client.code_desk import CodeDesk
 from tablet_client.models.situation import Situation
 from tablet_client.output_desk import OutputDesk
 from tablet_client.session import Session
@@ -23,6 +24,7 @@ class Workshop(QObject):
         super().__init__()
         self._situation = situation
         self._output = OutputDesk(situation, soon)
+        self._code = CodeDesk(situation, send, soon)
         self._nodes_asked = float("-inf")
 
     def serve(self, session: Session) -> None:
@@ -33,12 +35,19 @@ class Workshop(QObject):
     def output(self) -> OutputDesk:
         return self._output
 
+    @Property(QObject, constant=True)
+    def code(self) -> CodeDesk:
+        return self._code
+
     def want(self, now: float) -> Iterator[Message]:
         """The calls that are due, at a time in s that only rises."""
-        if self._output.watched and now - self._nodes_asked >= _NODES_S:
+        if (self._output.watched or self._situation.code.watched) and now - self._nodes_asked >= _NODES_S:
             self._nodes_asked = now
             yield GetNodes()
+        self._situation.code.at(self._situation.launch.engine)
+        yield from self._situation.code.want()
 
     def build(self) -> None:
         """Look at the models anew."""
         self._output.build()
+        self._code.build()

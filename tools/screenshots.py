@@ -148,6 +148,9 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
             move = desk.situation.move
             move.target[:3, 3] += (0.05, 0.05, 0.08)
             move.count("all")
+        elif page == "code":
+            desk.workshop.code.open("node", "low_pass")
+            camera.until(lambda: desk.workshop.code.documents.lines, "a node's code")
         elif page == "objects":
             camera.until(lambda: desk.bench.view["selected"], "the selected wheel")
             camera.turn(10.0)  # what is reached comes while it is looked at

@@ -12,6 +12,7 @@ from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
 from tablet_client.models.clouds import Clouds
+from tablet_client.models.code import Code
 from tablet_client.models.deployments import Deployments
 from tablet_client.models.hands import Hands
 from tablet_client.models.journal import Journal, Level
@@ -57,6 +58,7 @@ class Situation:
         self.service = Service()
         self.journal = Journal()
         self.output = Output()
+        self.code = Code()
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
 
@@ -188,6 +190,7 @@ class Situation:
         self._attend()
         self.launch.anew()
         self.deployments.anew()
+        self.code.anew()
         self._link_news(item)
 
     def _call_done(self, item: arrivals.CallDone) -> None:
@@ -212,7 +215,9 @@ class Situation:
         elif isinstance(item.answer, messages.Nodes):
             for node in item.answer.nodes:
                 self.output.hear_of(f"{FIRST}/{node.name}")
+            self.code.running = item.answer.nodes
         self.launch.take(item.call, item.answer)
+        self.code.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.service.take(item.call, item.answer)
         self.bench.edits.answered(item.call)
@@ -234,6 +239,7 @@ class Situation:
             self.prompts.failed(item.call, item.why)
         self.task.tree.failed(item.call, item.refused)
         self.launch.failed(item.call, item.why)
+        self.code.failed(item.call, item.why)
         self.deployments.failed(item.call, item.why)
         self.service.failed(item.call, item.why)
         self.bench.edits.refused(item.call)
@@ -326,6 +332,7 @@ class Situation:
 
     def _code_changed(self, changed: messages.CodeChanged) -> None:
         self.deployments.changed(changed)
+        self.code.anew()
         if changed.engine == (self.launch.engine or next(iter(self.deployments.engines), changed.engine)):
             self.launch.anew()
         self.note("info", "code_changed", changed.engine, changed.release.program, changed.release.by)

@@ -76,6 +76,12 @@ QtObject {
             nothing_fits: qsTr("place what it needs first"),
             bad_parameter: qsTr("a parameter is out of bounds"),
             sending: qsTr("sending …"),
+            builtin: qsTr("comes with Handrail"),
+            nothing_to_save: qsTr("nothing to save"),
+            saved_by_others: qsTr("saved by others"),
+            unsound: qsTr("has an error"),
+            no_name: qsTr("letters, digits, _"),
+            name_taken: qsTr("is taken"),
         })[code] ?? (code.startsWith("stale_") ? qsTr("plan is stale") : code)
     }
 

@@ -10,7 +10,17 @@ import numpy as np
 
 from daemon.exchange.records import COMMAND_ROWS, CONTROLLERS, ActionState, Answer, Flag, Outcome
 from daemon.state.base_state import PROBLEMS, BaseSource, Trouble
-from handrail.messages import NOT_READY, NOT_STANDING, ActionEvent, Base, EndCondition, Foot, Pose, RobotState
+from handrail.messages import (
+    FIRST_KNOT,
+    NOT_READY,
+    NOT_STANDING,
+    ActionEvent,
+    Base,
+    EndCondition,
+    Foot,
+    Pose,
+    RobotState,
+)
 from handrail.robot.description import RobotDescription
 
 _NO_PROBLEMS: Mapping[str, str] = MappingProxyType({})
@@ -232,7 +242,7 @@ def explain(
         ),
         Answer.START_OFF: (
             f"the trajectory does not start where the robot is commanded to be: plan again ({joint})",
-            "motion.positions[0]",
+            FIRST_KNOT,
             f"{value:.4f} rad off",
             "within 0.02 rad of the command",
         ),

@@ -17,6 +17,7 @@ import numpy as np
 from daemon.controllers.roster import Loaded, Roster
 from daemon.exchange import COMMAND, CONTROLLERS, MAX_ENDS, Flag
 from handrail.messages import (
+    FIRST_KNOT,
     CartesianImpedance,
     CommandGripper,
     Compliance,
@@ -443,7 +444,7 @@ def _check_first_knot(motion: JointTrajectory, commanded: np.ndarray) -> None:
     if off[worst] > START_TOLERANCE:
         raise refuse(
             f"the trajectory does not start where {motion.joints[worst]} is commanded to be: plan again from there",
-            f"motion.positions[0][{worst}]",
+            f"{FIRST_KNOT}[{worst}]",
             f"{motion.positions[0][worst]:.4f} rad",
             f"within {START_TOLERANCE} of {commanded[worst]:.4f}",
         )

@@ -25,6 +25,7 @@ from engines.runs.parts import Parts, meet, moved
 from engines.runs.preconditions import Precondition, at_posture
 from handrail.behaviour_file import Robot
 from handrail.messages import (
+    FIRST_KNOT,
     NOT_READY,
     NOT_STANDING,
     ActionEvent,
@@ -312,6 +313,8 @@ class Motion:
                 except RefusedError as refused:
                     if refused.refusal.value != NOT_READY or time.monotonic() > gives_up:
                         reason = "not_standing" if refused.refusal.value == NOT_STANDING else "refused"
+                        if refused.refusal.field.startswith(FIRST_KNOT):
+                            reason = "stale"  # the robot has gone on since `still` was asked: only the daemon knows by how much
                         said = f"{what}: the daemon refused it: {refused}"
                         raise MotionFailed(reason, said, started=False) from refused
                 except Unreachable as silent:

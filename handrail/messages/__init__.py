@@ -134,6 +134,7 @@ from handrail.messages.instances import (
 )
 from handrail.messages.jogs import Jog, Jogged
 from handrail.messages.motions import (
+    FIRST_KNOT,
     NOT_READY,
     NOT_STANDING,
     CartesianImpedance,
@@ -304,6 +305,7 @@ from handrail.messages.state import (
 from handrail.messages.template_runs import ExpandTemplate, RunTemplate, TemplateProgram
 
 __all__ = [
+    "FIRST_KNOT",
     "NOT_READY",
     "NOT_STANDING",
     "ActionEvent",

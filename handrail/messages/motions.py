@@ -105,6 +105,10 @@ class CompliantMotion(msgspec.Struct, tag="compliant_motion", kw_only=True, forb
     """N/m, N·m/rad, about the path, displaced by compliance and dither"""
 
 
+FIRST_KNOT = "motion.positions[0]"
+"""how the refused field of a StartAction begins whose trajectory starts elsewhere than the robot is commanded to be: plan again"""
+
+
 NOT_READY = "not ready"
 """the refused value of a StartAction whose controller is still being made: call again"""
 

@@ -198,7 +198,7 @@ class FakeDaemon:
         if isinstance(action, m.StartAction) and isinstance(action.motion, m.JointTrajectory):
             first = np.array(action.motion.positions[0])
             if np.abs(first - self.command[: len(first)]).max() > 0.02:
-                raise refuse("first knot", "motion.positions[0]", first, f"within 0.02 rad of {self.command}")
+                raise refuse("first knot", m.FIRST_KNOT, first, f"within 0.02 rad of {self.command}")
         self.running.append(action)
         self._todo.append(lambda: self._event("running", "", action))
         self._todo.append(lambda: self.disturb(action))

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from handrail.client import DEFAULT_ADDRESS
-from handrail.following import FOLLOWED, follow
+from handrail.following import FOLLOWED, follow, on_failure
 from handrail.messages import Reach
 from handrail.robot_option import ConnectTo, Keys, fail, the_robot
 
@@ -69,7 +69,14 @@ def run(
     """
     with the_robot(connect_to, keys) as robot, robot.events(*FOLLOWED) as events:
         started = robot.run_template(
-            instance, trajectory, arm, first=first, steps=steps, backwards=backwards, loop=loop
+            instance,
+            trajectory,
+            arm,
+            first=first,
+            steps=steps,
+            backwards=backwards,
+            loop=loop,
+            on_failure=on_failure(yes),
         )
         raise typer.Exit(follow(robot, events, started, yes=yes))
 

@@ -175,7 +175,7 @@ class Engine:
             m.StopRun: lambda call: self._stop_run(),
             m.StepRun: lambda call: self._step(),
             m.SetBreakpoints: self._set_breakpoints,
-            m.TakeTransition: lambda call: self._program_run().take(call.state, call.way),
+            m.TakeTransition: self._take_transition,
             m.RunFrom: self._run_from,
             m.SetRunParameters: lambda call: self._program_run().set_parameters(call.parameters),
             m.SetAutonomy: self._set_autonomy,
@@ -505,15 +505,15 @@ class Engine:
 
     def _start(self, call: m.Run) -> m.RunState:
         self._idle()
-        return self._begin(self._deployed(call.deployment))
+        return self._begin(self._deployed(call.deployment), on_failure=call.on_failure)
 
     def _run_template(self, call: m.RunTemplate) -> m.RunState:
         self._idle()
         deployed = self._templates.deploy(call)
         self._keep(deployed)
-        return self._begin(deployed)
+        return self._begin(deployed, on_failure=call.on_failure)
 
-    def _begin(self, deployed: Deployed, start: Start | None = None) -> m.RunState:
+    def _begin(self, deployed: Deployed, start: Start | None = None, *, on_failure: m.OnFailure = "end") -> m.RunState:
         deployment.still_bound(deployed, self._services.description, self._services.affordances)
         doing = {state.id for state in deployed.program.states() if state.file.do}
         with self._settings:
@@ -523,6 +523,7 @@ class Engine:
                 self._run_changed,
                 breakpoints=self._breakpoints & doing,
                 autonomy=self._autonomy,
+                on_failure=on_failure,
                 start=start,
                 seeds=self._seeds.get(deployed.id),
                 watch=self._learner.watch(deployed),
@@ -571,7 +572,7 @@ class Engine:
                     raise refuse(f"the run under way has not ended within {_STOP_S:g} s")
                 if self._called_off.is_set():
                     raise refuse("it was stopped before it began")
-                state = self._begin(deployed, start)
+                state = self._begin(deployed, start, on_failure=run.state.on_failure)
             finally:
                 self._changing_runs.release()
             if self._called_off.is_set() and self._run is not None:
@@ -588,9 +589,13 @@ class Engine:
                 return  # what runs is being stopped already, and nothing begins after it
         self._running().stop()
 
+    def _take_transition(self, call: m.TakeTransition) -> m.RunState:
+        run = self._program_run()
+        return run.let_fail(call.state) if call.way == "failed" else run.take(call.state, call.way)
+
     def _set_breakpoints(self, call: m.SetBreakpoints) -> None:
         with self._settings:
-            if self._run is not None:
+            if self._run is not None and self._run.active:
                 self._run.set_breakpoints(call.states)
             self._breakpoints = frozenset(call.states)
 
@@ -637,7 +642,7 @@ class Engine:
                 paused="the engine was started anew; what it moved has stopped. Look, then go on, or run from another state",
                 run=entry.state.run,
             )
-            self._begin(deployed, start)
+            self._begin(deployed, start, on_failure=entry.state.on_failure)
         except (ValueError, RefusedError) as problem:
             self._log("warning", f"the run that was under way is lost: {problem}")
         except Exception as crash:

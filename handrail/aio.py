@@ -219,6 +219,7 @@ class AsyncClient:
     set_breakpoints = _awaited(Client.set_breakpoints)
     skip = _awaited(Client.skip)
     take_transition = _awaited(Client.take_transition)
+    let_fail = _awaited(Client.let_fail)
     run_from = _awaited(Client.run_from)
     set_run_parameters = _awaited(Client.set_run_parameters)
     set_autonomy = _awaited(Client.set_autonomy)

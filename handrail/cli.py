@@ -44,6 +44,7 @@ _VERBS = {
     "pair": "Let another machine's client in, by a code that the robot shows; or join the robot that shows one.",
     "plan": "Plans: list them, show one's figures, plot it, export it, make one.",
     "template": "Affordance templates: list, show, check, draw, begin, import, teach them; run one that is placed.",
+    "instance": "Templates that are placed: list, place, move, edit, attach, hold them; undo what you did.",
     "node": "Process nodes: list, try, run them without an engine; start, watch, stop those of the robot that is up.",
     "learn": "What past runs of programs tell about success: list, report, forget.",
     "new": "Begin a workspace, a program, a node, a behaviour, a scene, a template or a controller of your own.",

@@ -65,6 +65,7 @@ from handrail.messages import (
     Library,
     ListLibrary,
     MakePlan,
+    OnFailure,
     Outline,
     PauseRun,
     PlanMotion,
@@ -356,9 +357,15 @@ class Client(InstanceCalls, NodeCalls, TemplateCalls):
         id = deployment if isinstance(deployment, str) else deployment.id
         return self.call(CheckTask(deployment=id), timeout_s)
 
-    def run(self, deployment: Deployment | str) -> RunState:
-        """Start what was deployed."""
-        return self.call(Run(deployment=deployment if isinstance(deployment, str) else deployment.id))
+    def run(self, deployment: Deployment | str, *, on_failure: OnFailure = "end") -> RunState:
+        """Start what was deployed.
+
+        :param on_failure: where a state fails at what it does, and the program has no way on from there but its end: `end`, or
+            `pause` until somebody resumes (it is tried again), skips it, or lets it fail (`let_fail`)
+        """
+        return self.call(
+            Run(deployment=deployment if isinstance(deployment, str) else deployment.id, on_failure=on_failure)
+        )
 
     def pause_run(self) -> None:
         """Pause the running program: the motion really stops."""
@@ -389,6 +396,10 @@ class Client(InstanceCalls, NodeCalls, TemplateCalls):
     def take_transition(self, state: str, way: int) -> RunState:
         """Leave an active state by its `way`-th transition (as in the file, from 0), whatever the guard says."""
         return self.call(TakeTransition(state=state, way=way))
+
+    def let_fail(self, state: str) -> RunState:
+        """Let the program go on from a failure that its run has paused for (`RunState.failing`), as it says."""
+        return self.call(TakeTransition(state=state, way="failed"))
 
     def run_from(self, state: str, *, paused: bool = False, deployment: Deployment | str = "") -> RunState:
         """Run the last program anew from a state, with its variables as they stand; one under way is stopped before.

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import sys
+from collections.abc import Callable
 
 import typer
 from rich.console import Console
 
 from handrail.client import Client, RefusedError, Unreachable
 from handrail.link.events import Events
-from handrail.messages import LogLine, Prompt, PromptClosed, RunState
+from handrail.messages import LogLine, OnFailure, Prompt, PromptClosed, RunState
 
 FOLLOWED = (RunState, Prompt, PromptClosed, LogLine)
 """what is listened to, from before the run begins"""
 _RESULTS = {"succeeded": 0, "failed": 1, "stopped": 130}
 _SILENT_S = 2.0
 _out, _err = Console(), Console(stderr=True)
+
+
+def on_failure(yes: bool) -> OnFailure:
+    """Whether a run that fails waits for help: where somebody sits at the terminal and is asked."""
+    return "pause" if sys.stdin.isatty() and not yes else "end"
 
 
 def follow(robot: Client, events: Events, started: RunState, *, yes: bool) -> int:
@@ -41,7 +48,9 @@ def follow(robot: Client, events: Events, started: RunState, *, yes: bool) -> in
                 line = f"{event.status:9} {' / '.join(event.active)}  {_numbers(event, started)}".rstrip()
                 if line != shown:
                     _out.print(line, highlight=False, markup=False, soft_wrap=True)
-                shown = line
+                new, shown = line != shown, line
+                if event.status == "paused" and event.failing and new:
+                    _help(robot, event)
                 if event.status in _RESULTS:
                     _out.print(f"{event.status}: {event.detail}", highlight=False, markup=False, soft_wrap=True)
                     return _RESULTS[event.status]
@@ -69,6 +78,35 @@ def _answer(robot: Client, prompt: Prompt, yes: bool) -> None:
         _out.print(f"  {answer}", highlight=False, markup=False)
     except RefusedError as late:
         _out.print(f"  {late}", highlight=False, markup=False)
+
+
+def _help(robot: Client, run: RunState) -> None:
+    """Ask what is to become of what has failed."""
+    calls: dict[str, Callable[[str], object]] = {
+        "retry": lambda state: robot.resume_run(),
+        "skip": robot.skip,
+        "fail": robot.let_fail,
+        "stop": lambda state: robot.stop_run(),
+    }
+    for state, why in run.failing.items():
+        _out.print(f"{state} has failed: {why}", style="red", markup=False, highlight=False, soft_wrap=True)
+        _out.print("  retry it (move the robot before, or see to the cause), skip it, let it fail, or stop the run")
+        answer = ""
+        while not answer:
+            answer = typer.prompt(" / ".join(calls))
+            try:
+                calls.get(answer, lambda state: None)(state)
+            except RefusedError as no:
+                _out.print(f"  {no}", highlight=False, markup=False)
+                now = robot.snapshot().run
+                if now is None or state not in now.failing:
+                    return  # somebody else was first
+                answer = ""
+            answer = answer if answer in calls else ""
+        if answer in ("retry", "stop"):
+            return
+    with contextlib.suppress(RefusedError):  # what was done has ended it
+        robot.resume_run()
 
 
 def _numbers(state: RunState, started: RunState) -> str:

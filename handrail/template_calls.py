@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from handrail.link.events import Events
-from handrail.messages import ExpandTemplate, GetReach, Reach, RunState, RunTemplate, TemplateProgram
+from handrail.messages import ExpandTemplate, GetReach, OnFailure, Reach, RunState, RunTemplate, TemplateProgram
 
 _LASTS_S, _RENEWED_S = 10.0, 4.0
 
@@ -66,15 +66,16 @@ class TemplateCalls:
 
     def run_template(
         self, instance: str, trajectory: str, arm: str = "", *, first: str = "", steps: int = 0, backwards: bool = False,
-        loop: int = 1,
+        loop: int = 1, on_failure: OnFailure = "end",
     ) -> RunState:  # fmt: skip
         """Go along an instance's trajectory as an ordinary run, one state a waypoint: planned ways are shown before they are gone,
         and asked about at autonomy `high` and below (`set_autonomy`). `stop_run` ends it in the midst of a motion.
 
         `first`: the waypoint to begin with; `steps`: how many to go to (1: the next one from where the last such run left the
-        hand); `backwards`: each leg as it was gone forwards; `loop`: how often, forwards.
+        hand); `backwards`: each leg as it was gone forwards; `loop`: how often, forwards; `on_failure`: as for `run`.
         """
         call = RunTemplate(
-            instance=instance, trajectory=trajectory, arm=arm, first=first, steps=steps, backwards=backwards, loop=loop
-        )
+            instance=instance, trajectory=trajectory, arm=arm, first=first, steps=steps, backwards=backwards, loop=loop,
+            on_failure=on_failure,
+        )  # fmt: skip
         return self.call(call)

@@ -12,7 +12,7 @@ from handrail.messages import Message, SetAutonomy
 from tablet_client.models.situation import Situation
 from tablet_client.rows import Rows
 
-COMMANDS = ("start", "pause", "resume", "step", "skip", "repeat", "stop_run")
+COMMANDS = ("start", "pause", "resume", "step", "skip", "let_fail", "repeat", "stop_run")
 LEVELS = ("off", "low", "high", "full")
 _ROLES = ("id", "title", "depth", "does", "mark", "seconds", "visits", "halts", "outcome", "chosen")
 _SENT_AS = {
@@ -21,6 +21,7 @@ _SENT_AS = {
     "resume": "ResumeRun",
     "step": "StepRun",
     "skip": "TakeTransition",
+    "let_fail": "TakeTransition",
     "repeat": "RunFrom",
     "from": "RunFrom",
     "stop_run": "StopRun",
@@ -97,9 +98,10 @@ class RunDesk(QObject):
             "program": run.program if run else "",
             "title": tree.outline.title if tree.outline else "",
             "hash": run.hash if run else "",
-            "detail": run.detail if run else "",
+            "detail": (run.detail or "; ".join(run.failing.values())) if run else "",
             "warnings": list(run.warnings) if run else [],
             "advice": self._advice(),
+            "failing": bool(run and run.failing),
             "active": list(run.active) if run else [],
             "innermost": tree.innermost,
             "autonomy": run.autonomy if run else "",
@@ -116,7 +118,7 @@ class RunDesk(QObject):
     def _advice(self) -> str:
         """What to do next; where the robot itself keeps the program from going on, that comes first."""
         robot, advice = self._situation.robot, self._situation.task.advice
-        if advice in ("failed", "failed_at_once", "stopped"):
+        if advice in ("failed", "failed_at_once", "failing", "stopped"):
             if robot.drives == "stopped":
                 return "clear_first"
             if robot.drives in ("fault", "quick_stop", "disabled"):

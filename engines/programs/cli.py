@@ -16,7 +16,7 @@ from engines.programs import library
 from engines.programs.program import Program
 from handrail.client import DEFAULT_ADDRESS, Client, RefusedError
 from handrail.config import ConfigError
-from handrail.following import FOLLOWED, follow
+from handrail.following import FOLLOWED, follow, on_failure
 from handrail.messages import TaskCheck
 from handrail.robot_option import ConnectTo, Keys, the_robot
 
@@ -243,6 +243,24 @@ def skip(
         robot.skip(state) if way is None else robot.take_transition(state, way)
 
 
+@app.command()
+def fail(
+    state: Annotated[str, typer.Argument(help="A state that waits for help, since what it does has failed.")],
+    connect_to: ConnectTo = DEFAULT_ADDRESS,
+    keys: Keys = None,
+) -> None:
+    """Let the program go on as it says where a state fails, instead of waiting for help."""
+    with the_robot(connect_to, keys) as robot:
+        robot.let_fail(state)
+
+
+@app.command()
+def end(connect_to: ConnectTo = DEFAULT_ADDRESS, keys: Keys = None) -> None:
+    """End the program that runs: its motion is cancelled, the robot holds."""
+    with the_robot(connect_to, keys) as robot:
+        robot.stop_run()
+
+
 @app.command("from")
 def from_(
     state: Annotated[str, typer.Argument(help="The state to begin in.")],
@@ -298,7 +316,7 @@ def _follow(
             show_check(checked)
             if not checked.feasible:
                 return 1
-        return follow(robot, events, robot.run(deployed), yes=yes)
+        return follow(robot, events, robot.run(deployed, on_failure=on_failure(yes)), yes=yes)
 
 
 def _pairs(option: str, texts: list[str] | None) -> dict[str, str]:

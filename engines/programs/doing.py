@@ -113,16 +113,12 @@ class Doing:
                 try:
                     return Event(f"done.invoke.{state.id}", self._carry_out(state, left))
                 except ActivityFailed as failed:
-                    if failed.reason not in self._chart.outlasts or left.is_set():
+                    with self._lock:
+                        self._running[left] = (state, None)  # should it begin anew, nothing has begun yet
+                    if left.is_set() or not self._chart.waits_for_help(state, failed, left):
                         raise
-                    self._chart.gate.shut(f"{failed}; {state.id} begins anew when the run goes on")
         except ActivityFailed as failed:
             return self._chart.failure(state, failed.reason, str(failed))
-        except Exception as crash:  # noqa: BLE001
-            # A defect in an activity must end the program by its own failure path, not leave it waiting for ever.
-            _log.exception("activity %s of state %s crashed", state.file.do, state.id)
-            text = f"{state.file.do} crashed: {type(crash).__name__}: {crash}"
-            return Event("error.execution", {"message": text, "reason": "crashed", "_source": state.id})
         finally:
             with self._lock:
                 del self._running[left]
@@ -131,12 +127,19 @@ class Doing:
         """Do the activity, once it may begin; its outputs. Raises ActivityFailed."""
         if not self._chart.admit(state, left):
             raise ActivityFailed("cancelled", f"{state.id} was left before it began")
-        activity = self._chart.make_activity(state)
-        with self._lock:
-            self._running[left] = (state, activity)
-        if left.is_set():
-            activity.cancel()
-        return activity.run()
+        try:
+            activity = self._chart.make_activity(state)
+            with self._lock:
+                self._running[left] = (state, activity)
+            if left.is_set():
+                activity.cancel()
+            return activity.run()
+        except ActivityFailed:
+            raise
+        except Exception as crash:
+            # A defect in an activity must end the program by its own failure path, not leave it waiting for ever.
+            _log.exception("activity %s of state %s crashed", state.file.do, state.id)
+            raise ActivityFailed("crashed", f"{state.file.do} crashed: {type(crash).__name__}: {crash}") from crash
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from statemachine.io.interpreter import Interpreter
 from statemachine.io.native import native_dict_to_definition
 from statemachine.io.yaml.reader import YAMLReader
 
-from engines.activities.base import Activity
-from engines.programs import actions, native
-from engines.programs.check import STOPPED, check_together
+from engines.activities.base import Activity, ActivityFailed
+from engines.programs import actions, failing, native
+from engines.programs.check import STOPPED, check_together, takes
 from engines.programs.doing import Doing, Event
 from engines.programs.expressions import ProgramEvaluator
 from engines.programs.native import AFTER, ALLOW, RETRY, STOP, TAKE
@@ -31,6 +31,8 @@ from engines.runs.history import RunHistory
 
 _FOR_GOOD = frozenset({"bad_argument", "cancelled", "crashed", "refused", "stopped", "taken_over"})
 """reasons of failures that another attempt would not change, or that somebody wants"""
+_WANTED = frozenset({"cancelled", "stopped", "taken_over"})
+"""reasons of failures that somebody wants"""
 
 EDITED = "handrail.edited"
 """that another version of the program waits: whoever drives the chart looks; the program itself never hears of it"""
@@ -55,6 +57,7 @@ class Chart(Interpreter):
         withdraw: Callable[[str], None] = lambda state: None,
         start_at: Iterable[str] = (),
         outlasts: frozenset[str] = frozenset(),
+        pause_on_failure: bool = False,
         log: Callable[[str, str], None] = lambda level, text: None,
     ):
         """`make` makes a state's activity when it is entered.
@@ -67,6 +70,7 @@ class Chart(Interpreter):
         :param withdraw: told of each state that was left, so that nothing is asked about it any more
         :param start_at: begin in these states instead of the initial ones; one, or one of each parallel region
         :param outlasts: reasons of failures that the program does not hear of: the gate closes, and the activity begins anew
+        :param pause_on_failure: so does any other failure that the program has no way on from, or that nobody could foresee
         :param log: told of what the program logs
         :raises ValueError: no such state, or states that can't be active together
         """
@@ -74,7 +78,9 @@ class Chart(Interpreter):
         super().__init__(reader=YAMLReader(), evaluator=evaluator)
         self.program, self._make, self._history = program, make, history
         self.gate, self._clock = gate or RunGate(lambda why: None), clock or RunClock()
-        self.outlasts = outlasts
+        self._outlasts, self._pause_on_failure = outlasts, pause_on_failure
+        self._failing: dict[str, Event] = {}
+        """active state → its failure, which the program has not heard of yet"""
         self._ask, self._withdraw, self._event = ask, withdraw, Event("")
         self._timeouts: dict[str, list[Callable[[], None]]] = {}
         self._since: dict[str, float] = {}
@@ -115,7 +121,7 @@ class Chart(Interpreter):
         :return: the states whose activity begins anew
         """
         self._events, self._doing, self._fresh = old._events, old._doing, old._fresh & self._by_id.keys()
-        self._visits, self._since = old._visits, old._since
+        self._visits, self._since, self._failing = old._visits, old._since, old._failing
         self._scopes.take_over(old._scopes, frozenset(self._visits))
         for id in self._visits:
             for take_back in old._timeouts.pop(id, []):
@@ -123,6 +129,7 @@ class Chart(Interpreter):
             self._begin_timeouts(self._by_id[id])
         anew = [id for id in self._visits if _does_otherwise(old._by_id[id], self._by_id[id])]
         for id in anew:
+            self._failing.pop(id, None)
             self._visits[id].set()
             self._doing.left(self._visits[id])
         self._doing.belongs_to(self)
@@ -209,6 +216,23 @@ class Chart(Interpreter):
     def post(self, event: Event) -> None:
         """Hand an event to the driving thread."""
         self._events.put(event)
+
+    def failing(self) -> dict[str, str]:
+        """Active states whose activity has failed and waits for help, and why."""
+        return {id: str(failure.data["message"]) for id, failure in dict(self._failing).items()}
+
+    def tries_again(self) -> None:
+        """What has failed is about to begin anew."""
+        self._failing.clear()
+
+    def let_fail(self, state: str) -> bool:
+        """Let the program hear of a state's failure after all; False where none waits, or where it has no way out for one."""
+        failure = self._failing.pop(state, None)
+        own = (each for each in self._by_id[state].lineage() if each.scope == self._by_id[state].scope)
+        if failure is None or not any(takes(way, failing.FAILED) for each in own for way in each.transitions):
+            return False
+        self.post(failure)
+        return True
 
     def set_parameters(self, values: Mapping[str, Any]) -> None:
         """New values, for whatever is evaluated from now on."""
@@ -347,6 +371,7 @@ class Chart(Interpreter):
         """A state is left: its time-outs end, and its retries, unless it is entered for another one."""
         for take_back in self._timeouts.pop(state.id, []):
             take_back()
+        self._failing.pop(state.id, None)
         if (left := self._visits.pop(state.id, None)) is not None:
             left.set()
             self._doing.left(left)
@@ -361,6 +386,20 @@ class Chart(Interpreter):
     def fails_for_good(self, state: State, reason: str) -> bool:
         """Whether a failure of a state's activity is the program's to know: no retry is left, or none would help."""
         return reason in _FOR_GOOD or self.retries(state) >= state.file.retry
+
+    def waits_for_help(self, state: State, failed: ActivityFailed, left: threading.Event) -> bool:
+        """Whether the run pauses because of a failure, so that the activity begins anew when it goes on."""
+        if failed.reason in self._outlasts:
+            self.gate.shut(f"{failed}; {state.id} begins anew when the run goes on")
+            return True
+        if not self._pause_on_failure or failed.reason in _WANTED or not self.fails_for_good(state, failed.reason):
+            return False
+        foreseen = failed.reason not in _FOR_GOOD
+        if foreseen and not failing.ends(state, self._by_id, lambda each: self.retries(each) < each.file.retry):
+            return False
+        self._failing[state.id] = self.failure(state, failed.reason, str(failed), left)
+        self.gate.shut(f"{state.file.title or state.id} has failed: {failed}")
+        return True
 
     def retries(self, state: State) -> int:
         """How often the state's activity was begun anew since it was entered."""

@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -66,6 +66,7 @@ class ProgramRun:
         *,
         breakpoints: Iterable[str] = (),
         autonomy: str = "full",
+        on_failure: Literal["pause", "end"] = "end",
         start: Start | None = None,
         seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
         watch: RunWatch | None = None,
@@ -93,6 +94,7 @@ class ProgramRun:
         self._history = RunHistory(lambda: services.daemon.time_ns)
         names = {**deployed.names(), **self._start.variables, **self._parameters}
         self._permissions = Permissions(services.prompts, self._context.run, self._allow, services.log, autonomy)
+        self._on_failure = on_failure
         self._chart = self._chart_of(program, names, self._start.states)
         self._chart.set_autonomy(autonomy)
         self._lock = threading.RLock()
@@ -106,6 +108,7 @@ class ProgramRun:
             data=self._data(),
             breakpoints=self._gate.breakpoints,
             autonomy=autonomy,
+            on_failure=on_failure,
         )
         self._stopping = False
         self._doing = _doing(program)
@@ -126,6 +129,7 @@ class ProgramRun:
             withdraw=self._permissions.withdraw,
             start_at=start_at,
             outlasts=self._services.outlasts,
+            pause_on_failure=self._on_failure == "pause",
             log=self._services.log,
         )
 
@@ -198,6 +202,7 @@ class ProgramRun:
             self._check_preconditions()
             reach(self._motion.resume)
             self._clock.go()
+            self._chart.tries_again()
             self._gate.open(one_step=one_step)
             self._tell(status="running", detail="")
 
@@ -253,6 +258,18 @@ class ProgramRun:
             self._services.log("warning", f"{id} → {leading[way].target}, because an operator said so{left_out}")
             self._chart.take(id, way)
             return self.state
+
+    def let_fail(self, id: str) -> RunState:
+        """Let the program go on, as it says, from a failure that the run has paused for. Refused where none waits."""
+        waiting = self._chart.failing()
+        if id not in waiting:
+            expected = f"one that has failed: {', '.join(waiting) or 'none has'}"
+            raise refuse("what the state does has not failed", "state", id, expected)
+        if not self._chart.let_fail(id):
+            raise refuse(
+                "the program says nowhere what follows when it fails", "state", id, "retry it, skip it or stop"
+            )
+        return self.state
 
     def set_parameters(self, parameters: Mapping[str, Any]) -> None:
         """Change parameters; each counts from when it is used next. Refused, naming the first that can't be so."""
@@ -416,7 +433,8 @@ class ProgramRun:
 
     def _tell(self, **changes: Any) -> None:
         with self._lock:
-            changes = {"waiting": self._gate.waiting(), "breakpoints": self._gate.breakpoints, **changes}
+            now = {"waiting": self._gate.waiting(), "breakpoints": self._gate.breakpoints}
+            changes = {**now, "failing": self._chart.failing(), **changes}
             state = msgspec.structs.replace(self._state, **changes, time_ns=self._services.daemon.time_ns)
             if msgspec.structs.replace(state, time_ns=self._state.time_ns) == self._state:
                 return

@@ -15,6 +15,8 @@ with handrail.connect() as robot, robot.events(RunState, Prompt) as events:
             elif wanted(event):
                 print(f"{event.status:9} {'/'.join(event.active)} {event.detail}")
                 return event
+            elif event.status == "failed":
+                raise SystemExit(f"{event.program} failed: {event.detail}")
         raise SystemExit("the connection was closed")
 
     robot.enable()
@@ -40,11 +42,21 @@ with handrail.connect() as robot, robot.events(RunState, Prompt) as events:
     robot.run_from("confirming", paused=True)
     robot.take_transition("confirming", 1)  # its second way out: rejected
     until(lambda run: run.status == "failed")
+
+    # A run that pauses where it fails waits for help: see to the cause and resume, skip the state, or let it fail.
+    robot.place_instance("valve_far_off", "wheel", Pose(position=(3.0, 0.0, 1.0)))
+    far = robot.deploy("turn_valve", {"arm": "right", "valve": "valve_far_off"})
+    robot.run(far, on_failure="pause")
+    waiting = until(lambda run: bool(run.failing))  # no plan leads there
+    robot.let_fail(next(iter(waiting.failing)))  # the program goes its own way
+    until(lambda run: run.status == "failed")
+
     robot.run_from("planning", paused=True)
     robot.skip("planning")  # as though it were done
     until(lambda run: "confirming" in run.active)
     robot.stop_run()  # whatever moves stops; the robot holds
     until(lambda run: run.status == "stopped")
+    robot.remove_instance("valve_far_off")
 
     # A template alone: its trajectory is a program of its own, which goes one waypoint on, or back, at a time.
     robot.place_instance("crate", "box", Pose(position=(0.55, 0.35, 0.10)))

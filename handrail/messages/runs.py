@@ -12,12 +12,17 @@ from handrail.messages.instances import InstanceState
 from handrail.messages.plans import PlanPreview
 from handrail.messages.prompts import Prompt
 
+OnFailure = Literal["pause", "end"]
+"""what a run does when what a state does has failed, and the program has no way on from that but its end, or nobody could foresee
+it (refused, crashed): it pauses, for somebody to help, or goes the program's way"""
+
 
 @travels(priority=1, remote=True)
 class Run(Message):
     """Start a deployed program."""
 
     deployment: Name
+    on_failure: OnFailure = "end"
 
 
 @travels(priority=1, remote=True)
@@ -61,8 +66,9 @@ class TakeTransition(Message):
     """Leave an active state by a way out of the operator's choice, whatever its guard says; what it does is cancelled."""
 
     state: Name
-    way: Annotated[int, Meta(ge=0)] | None = None
-    """index of the state's transition in the program's file; None: skip, by the first way that it has for being done"""
+    way: Annotated[int, Meta(ge=0)] | Literal["failed"] | None = None
+    """index of the state's transition in the program's file; None: skip, by the first way that it has for being done; failed: what
+    it does has failed, the run has paused for that, and the program is to go on from it as it says"""
     engine: str = ""
 
 
@@ -139,6 +145,9 @@ class RunState(Message):
     data: dict[str, Any] = {}
     """the program's variables as they stand, then its parameters; no name is both. Those of a program that an active state runs
     have the state's id before their names: ``grasping/force``"""
+    failing: dict[str, str] = {}
+    """active states whose activity has failed, and why, where the run has paused for that: it begins anew when the run goes on"""
+    on_failure: OnFailure = "end"
     waiting: list[str] = []
     """active states that have not begun what they do, because the run is paused"""
     breakpoints: list[str] = []

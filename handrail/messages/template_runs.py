@@ -7,6 +7,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from handrail.messages.base import Message, Name, travels
+from handrail.messages.runs import OnFailure
 
 
 @travels(priority=1, remote=True)
@@ -39,6 +40,7 @@ class RunTemplate(Message):
     steps: Annotated[int, Meta(ge=0)] = 0
     backwards: bool = False
     loop: Annotated[int, Meta(ge=1, le=1000)] = 1
+    on_failure: OnFailure = "end"
 
 
 class TemplateProgram(Message):

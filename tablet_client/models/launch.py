@@ -185,7 +185,8 @@ class Launch:
             calls += self._once("deploy", deploy)
         elif self._goal and self.deployment is not None:
             id = self.deployment.id
-            calls += self._once(self._goal, Run(deployment=id) if self._goal == "run" else CheckTask(deployment=id))
+            run = Run(deployment=id, on_failure="pause")
+            calls += self._once(self._goal, run if self._goal == "run" else CheckTask(deployment=id))
         return calls
 
     def _once(self, what: str, call: Message) -> list[Message]:

@@ -81,16 +81,22 @@ class Task:
         if command == "breakpoint":
             return SetBreakpoints(states=sorted(set(run.breakpoints) ^ {state}))
         made: dict[str, Callable[[], Message]] = {
-            "start": lambda: Run(deployment=run.deployment),
+            "start": lambda: Run(deployment=run.deployment, on_failure="pause"),
             "pause": PauseRun,
             "resume": ResumeRun,
             "step": StepRun,
             "stop_run": StopRun,
-            "skip": lambda: TakeTransition(state=self.tree.innermost),
+            "skip": lambda: TakeTransition(state=self._failing or self.tree.innermost),
+            "let_fail": lambda: TakeTransition(state=self._failing, way="failed"),
             "repeat": lambda: RunFrom(state=self.tree.innermost),
             "from": lambda: RunFrom(state=state),
         }
         return made[command]()
+
+    @property
+    def _failing(self) -> str:
+        """The state that waits for help."""
+        return next(iter(self.run.failing), "") if self.run is not None else ""
 
     @property
     def advice(self) -> str:
@@ -101,6 +107,8 @@ class Task:
             return "failed" if self.tree.innermost else "failed_at_once"
         if self.run.status == "stopped":
             return "stopped"
+        if self.run.status == "paused" and self._failing:
+            return "failing"
         if self.run.status == "paused":
             return "paused_before" if self.run.waiting else "paused"
         return ""
@@ -108,8 +116,8 @@ class Task:
     def why_not(self, command: str) -> str:
         """Code of the reason why a command can't be given; empty when it can.
 
-        `pause`, `resume`, `stop_run`, `step`; `skip` of the state that is at work; `start` (again), `repeat` its last state, `from`
-        a state; `autonomy`, `breakpoint`.
+        `pause`, `resume`, `stop_run`, `step`; `skip` of the state that is at work, `let_fail` of the one that waits for help;
+        `start` (again), `repeat` its last state, `from` a state; `autonomy`, `breakpoint`.
         """
         if self.run is None:
             return "no_program"
@@ -123,6 +131,8 @@ class Task:
             return "run_over"
         if command == "pause":
             return {"running": "", "paused": "already_paused"}.get(self.run.status, "not_running")
+        if command == "let_fail":
+            return "" if self._failing else "nothing_failed"
         if command == "skip":
             return "" if self.tree.innermost else "no_state"
         if command in ("resume", "step"):

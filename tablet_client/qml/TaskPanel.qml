@@ -83,13 +83,14 @@ Panel {
                 onClicked: desk.run.command(command)
             }
             Do { command: "pause"; visible: panel.under && panel.view.status !== "paused"; text: qsTr("Pause") }
-            Do { command: "resume"; visible: panel.view.status === "paused"; tone: "primary"; text: qsTr("Resume") }
+            Do { command: "resume"; visible: panel.view.status === "paused"; tone: "primary"; text: panel.view.failing ? qsTr("Try again") : qsTr("Resume") }
             Do { command: "start"; visible: !panel.under; tone: "primary"; text: qsTr("Run again"); Accessible.description: why }
             Do { command: "step"; text: qsTr("Step"); visible: panel.under }
             Do { command: "repeat"; text: qsTr("Repeat"); visible: !panel.under; Accessible.name: qsTr("Run the last state again") }
             Do { objectName: "stopRun"; command: "stop_run"; tone: "danger"; text: qsTr("End"); Accessible.name: qsTr("End the program"); visible: panel.under }
             Do { command: "skip"; Layout.columnSpan: 3; text: qsTr("Skip state"); visible: panel.under && !desk.prompt.open }
-            Do { objectName: "repeatState"; Layout.columnSpan: 3; command: "repeat"; text: qsTr("Repeat state"); visible: panel.under && !desk.prompt.open }
+            Do { command: "let_fail"; Layout.columnSpan: 3; text: qsTr("Let it fail"); visible: panel.view.failing && !desk.prompt.open }
+            Do { objectName: "repeatState"; Layout.columnSpan: 3; command: "repeat"; text: qsTr("Repeat state"); visible: panel.under && !panel.view.failing && !desk.prompt.open }
         }
     }
 }

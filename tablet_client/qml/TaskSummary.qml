@@ -8,7 +8,7 @@ ColumnLayout {
 
     readonly property var view: desk.run.view
     readonly property bool any: view.status !== "none"
-    readonly property bool bad: view.status === "failed"
+    readonly property bool bad: view.status === "failed" || view.failing
 
     spacing: Theme.tight
 

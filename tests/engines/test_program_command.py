@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from engines.programs import cli
 from handrail import following, robot_option
-from handrail.messages import AnswerPrompt, Deploy, GetEngine, Run, StopRun
+from handrail.messages import AnswerPrompt, Deploy, GetEngine, ResumeRun, Run, StopRun, TakeTransition
 from handrail.topics import Subscriber
 
 runner = CliRunner()
@@ -29,8 +29,8 @@ class LocalClient:
     def deploy(self, program, bindings, parameters):
         return self._call(Deploy(program=program, bindings=bindings, parameters=parameters))
 
-    def run(self, deployment):
-        return self._call(Run(deployment=deployment.id))
+    def run(self, deployment, *, on_failure):
+        return self._call(Run(deployment=deployment.id, on_failure=on_failure))
 
     def answer(self, prompt, answer, by):
         self._call(AnswerPrompt(id=prompt, answer=answer, by=by))
@@ -40,6 +40,15 @@ class LocalClient:
 
     def stop_run(self):
         self._call(StopRun())
+
+    def resume_run(self):
+        self._call(ResumeRun())
+
+    def skip(self, state):
+        return self._call(TakeTransition(state=state))
+
+    def let_fail(self, state):
+        return self._call(TakeTransition(state=state, way="failed"))
 
     @contextmanager
     def events(self, *kinds):
@@ -105,6 +114,26 @@ def test_run_that_fails_exits_with_1_and_the_detail(stack, client, planner):
     result = runner.invoke(cli.app, ["run", "turn_valve", "--bind", "arm=right", "--bind", "valve=wheel_1", "--yes"])
     assert result.exit_code == 1
     assert "elbow limit" in result.output
+
+
+@pytest.mark.parametrize(
+    ("answers", "calls", "status"),
+    [
+        ("help\nfail\n", [TakeTransition(state="planning", way="failed")], 1),
+        ("retry\nstop\n", [ResumeRun(), StopRun()], 130),
+    ],
+)
+def test_who_sits_at_the_terminal_is_asked_what_becomes_of_a_failure(
+    stack, client, planner, monkeypatch, answers, calls, status
+):
+    monkeypatch.setattr(cli, "on_failure", lambda yes: "pause")
+    planner.infeasible = True
+    stack.place()
+    words = ["run", "turn_valve", "--bind", "arm=right", "--bind", "valve=wheel_1"]
+    result = runner.invoke(cli.app, words, input=answers)
+    assert result.exit_code == status, result.output
+    assert client.calls[2 : 2 + len(calls)] == calls
+    assert "planning has failed" in result.output and "retry / skip / fail / stop" in result.output
 
 
 def test_a_prompt_that_nobody_can_answer_stops_the_run(stack, client):

@@ -80,6 +80,17 @@ def test_a_run_that_failed_shows_where_and_what_to_do(situation, robot):
     assert situation.task.call("repeat") == RunFrom(state="stroking")
 
 
+def test_a_state_that_failed_and_waits_for_help_can_be_tried_again_skipped_or_let_fail(situation, robot):
+    situation.take(robot.running(status="paused", active=["turning", "stroking"], failing={"stroking": "not enabled"}))
+    task = situation.task
+    assert task.advice == "failing"
+    assert [task.why_not(each) for each in ("resume", "skip", "let_fail")] == ["", "", ""]
+    assert task.call("skip") == TakeTransition(state="stroking")
+    assert task.call("let_fail") == TakeTransition(state="stroking", way="failed")
+    situation.take(robot.running(active=["turning", "stroking"]))
+    assert task.why_not("let_fail") == "nothing_failed"
+
+
 def test_questions_about_a_run_are_asked_once_and_its_history_at_most_once_a_second(robot):
     tree = Situation("").task.tree
     tree.take_run(robot.running())
@@ -129,7 +140,7 @@ def test_only_what_means_something_can_be_done_with_a_run(situation, robot, stat
 
 def test_each_command_is_the_call_that_it_says(situation):
     task = situation.task
-    assert task.call("start") == Run(deployment="deployment-1")
+    assert task.call("start") == Run(deployment="deployment-1", on_failure="pause")
     assert task.call("step") == StepRun()
     assert task.call("skip") == TakeTransition(state="stroking")
     assert task.call("from", "planning") == RunFrom(state="planning")

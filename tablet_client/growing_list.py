@@ -5,29 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from PySide6.QtCore import QAbstractListModel, QByteArray, QModelIndex, Qt
+from PySide6.QtCore import QModelIndex
 
-_FIRST = Qt.ItemDataRole.UserRole.value
+from tablet_client.role_list import RoleList
 
 
-class GrowingList(QAbstractListModel):
+class GrowingList(RoleList):
     """Entries with a `number` that rises from one to the next; roles are their other attributes."""
 
-    def __init__(self, roles: Sequence[str]):
-        super().__init__()
-        self._roles = tuple(roles)
-        self._shown: list[Any] = []
-
-    def rowCount(self, parent: Any = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._shown)
-
-    def roleNames(self) -> dict[int, QByteArray]:
-        return {_FIRST + number: QByteArray(name.encode()) for number, name in enumerate(self._roles)}
-
-    def data(self, index: Any, role: int = 0) -> Any:
-        if not index.isValid() or not _FIRST <= role < _FIRST + len(self._roles):
-            return None
-        value = getattr(self._shown[index.row()], self._roles[role - _FIRST])
+    def _value(self, line: Any, role: str) -> Any:
+        value = getattr(line, role)
         return list(value) if isinstance(value, tuple) else value
 
     @property

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Property, QObject, QStandardPaths, Signal, Slot
+from PySide6.QtCore import Property, QObject, Signal, Slot
 from PySide6.QtGui import QGuiApplication
 
 from handrail.client import Selection
+from tablet_client import documents
 from tablet_client.growing_list import GrowingList
 from tablet_client.models.output import LEVELS, SHOWN
 from tablet_client.models.situation import Situation
@@ -98,15 +96,7 @@ class OutputDesk(QObject):
     @Slot()
     def save(self) -> None:
         """Write what is shown to a file in the user's documents; where to, or why not, is said."""
-        folder = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.DocumentsLocation))
-        file = folder / f"handrail-output-{time.strftime('%Y%m%d-%H%M%S')}.txt"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            file.write_text(self._output.written(), encoding="utf-8")
-        except OSError as problem:
-            self._say("not_saved", f"{problem.strerror or problem}: {file}")
-        else:
-            self._say("saved", str(file).replace(os.path.expanduser("~"), "~", 1))
+        self._say(*documents.save("output", "txt", self._output.written()))
 
     def _filter(self) -> None:
         self._said = {"code": "", "text": ""}

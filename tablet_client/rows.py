@@ -5,41 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from PySide6.QtCore import QAbstractListModel, QByteArray, QModelIndex, Qt
+from PySide6.QtCore import QModelIndex
 
-_FIRST = Qt.ItemDataRole.UserRole.value
+from tablet_client.role_list import RoleList
 
 
-class Rows(QAbstractListModel):
+class Rows(RoleList):
     """Lines as dictionaries, each a role a key. `key` tells which line is which."""
 
     def __init__(self, roles: Sequence[str], key: str):
-        super().__init__()
-        self._roles, self._key = tuple(roles), key
-        self._rows: list[dict[str, Any]] = []
+        super().__init__(roles)
+        self._key = key
 
-    def rowCount(self, parent: Any = QModelIndex()) -> int:  # noqa: B008
-        return 0 if parent.isValid() else len(self._rows)
-
-    def roleNames(self) -> dict[int, QByteArray]:
-        return {_FIRST + number: QByteArray(name.encode()) for number, name in enumerate(self._roles)}
-
-    def data(self, index: Any, role: int = 0) -> Any:
-        if not index.isValid() or not _FIRST <= role < _FIRST + len(self._roles):
-            return None
-        return self._rows[index.row()].get(self._roles[role - _FIRST])
+    def _value(self, line: Any, role: str) -> Any:
+        return line.get(role)
 
     def show(self, rows: list[dict[str, Any]]) -> None:
         """Take these lines."""
         self._replace(rows)
-        for number, (before, after) in enumerate(zip(self._rows, rows, strict=True)):
+        for number, (before, after) in enumerate(zip(self._shown, rows, strict=True)):
             if before != after:
-                self._rows[number] = after
+                self._shown[number] = after
                 self.dataChanged.emit(self.index(number, 0), self.index(number, 0))
 
     def _replace(self, rows: list[dict[str, Any]]) -> None:
         """Take lines out and in so that there are the same as in `rows`; those that stay are not made anew."""
-        before, after = [row[self._key] for row in self._rows], [row[self._key] for row in rows]
+        before, after = [row[self._key] for row in self._shown], [row[self._key] for row in rows]
         if before == after:
             return
         same = 0
@@ -50,14 +41,14 @@ class Rows(QAbstractListModel):
             tail += 1
         if len(before) - tail > same:
             self.beginRemoveRows(QModelIndex(), same, len(before) - tail - 1)
-            del self._rows[same : len(before) - tail]
+            del self._shown[same : len(before) - tail]
             self.endRemoveRows()
         if len(after) - tail > same:
             self.beginInsertRows(QModelIndex(), same, len(after) - tail - 1)
-            self._rows[same:same] = rows[same : len(after) - tail]
+            self._shown[same:same] = rows[same : len(after) - tail]
             self.endInsertRows()
 
     @property
     def lines(self) -> list[dict[str, Any]]:
         """As they are shown."""
-        return self._rows
+        return self._shown

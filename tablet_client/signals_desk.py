@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import Property, QObject, QPointF, QStandardPaths, Signal, Slot
+from PySide6.QtCore import Property, QObject, QPointF, Signal, Slot
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
 from PySide6.QtQuick import QQuickItem, QQuickPaintedItem
 
+from tablet_client import documents
 from tablet_client.models.signals import QUANTITIES, SPAN_S, Curve, Signals
 from tablet_client.models.situation import Situation
 
@@ -58,15 +56,7 @@ class SignalsDesk(QObject):
     @Slot()
     def save(self) -> None:
         """Write what is shown to a CSV file in the user's documents; where to, or why not, is said."""
-        folder = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.DocumentsLocation))
-        file = folder / f"handrail-signals-{time.strftime('%Y%m%d-%H%M%S')}.csv"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            file.write_text(self._signals.csv(), encoding="utf-8")
-        except OSError as problem:
-            self._say("not_saved", f"{problem.strerror or problem}: {file}")
-        else:
-            self._say("saved", str(file).replace(os.path.expanduser("~"), "~", 1))
+        self._say(*documents.save("signals", "csv", self._signals.csv()))
 
     def curve(self, name: str) -> Curve | None:
         return self._curves.get(name)

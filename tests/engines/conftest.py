@@ -542,6 +542,16 @@ def stack(start: Callable[[], Stack]) -> Stack:
 
 
 @pytest.fixture
+def stroking(stack: Stack, daemon: FakeDaemon) -> None:
+    """turn_valve runs, in its first stroke, which moves until `daemon.finish`."""
+    daemon.slow = True
+    stack.place()
+    stack.run(goal_deg=10)
+    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
+    until(lambda: stack.engine._run._motion._running)
+
+
+@pytest.fixture
 def elsewhere(stack) -> Callable[[Any], Elsewhere]:
     """message → another caller, who waits for the answer."""
     return lambda message: Elsewhere(stack, message)

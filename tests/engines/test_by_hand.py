@@ -13,13 +13,8 @@ from handrail.topics import RefusedError
 
 
 @pytest.fixture
-def stroke(stack, daemon, wait_until):
+def stroke(stack, daemon, stroking):
     """A run that is paused in the first segment of its first plan; returns that segment's action."""
-    daemon.slow = True
-    stack.place()
-    stack.run(goal_deg=10)
-    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
-    wait_until(lambda: stack.engine._run._motion._running)
     stack.call(m.PauseRun())
     return daemon.started()[0]
 
@@ -150,12 +145,7 @@ def test_a_plan_is_executed_in_a_pause_too_and_answers_when_it_has_ended(stack, 
     assert "approach goes on from where it was let go: angle is 0.40 rad off" in refusal(stack, m.ResumeRun())
 
 
-def test_only_a_pause_lends_the_robot(stack, daemon, wait_until):
-    daemon.slow = True
-    stack.place()
-    stack.run(goal_deg=10)
-    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
-    wait_until(lambda: stack.engine._run._motion._running)
+def test_only_a_pause_lends_the_robot(stack, daemon, stroking):
     assert "busy" in refusal(stack, m.Jog(joints={"other": 0.1}))
     with pytest.raises(RefusedError, match="not paused"):
         stack.engine._run.lend(["depth"])

@@ -31,13 +31,8 @@ def state(stack, wanted):
 
 
 @pytest.fixture
-def moving(stack, daemon, wait_until):
-    """A run in its first stroke, which moves; returns its state."""
-    daemon.slow = True
-    stack.place()
-    stack.run(goal_deg=10)
-    stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))
-    wait_until(lambda: stack.engine._run._motion._running)
+def moving(stack, stroking):
+    """The state of a run in its first stroke, which moves."""
     return state(stack, lambda run: run.active == ["turning", "stroking"])
 
 

@@ -103,7 +103,11 @@ class Robot:
                 Posture(coefficients={joint: 1.0}, lower=x, upper=x, name=joint, window=window)
                 for joint, x in goal.positions.items()
             ]
-        found: list[Constraint] = [Position.at(self.tip, goal.pose.position, name="place", window=window)]
+        # Along the goal's own axes, as its bounds are: what is kept along each may be out by more along the world's.
+        here = (0.0, 0.0, 0.0)
+        found: list[Constraint] = [
+            Position(frame=self.tip, lower=here, upper=here, box=goal.pose, name="place", window=window)
+        ]
         if goal.angle < math.pi:
             turn = Orientation(
                 frame=self.tip, target=goal.pose.orientation, angle=goal.angle, name="turn", window=window

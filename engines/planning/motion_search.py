@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from engines import identifiers
 from engines.planning import constraints
 from engines.planning.along import Follow
+from engines.planning.along_ways import AlongWays
 from engines.planning.collision.clearances import clearances, looks
 from engines.planning.collision.connect import Budget, Connector
 from engines.planning.collision.sweep import Nearest, cubics
@@ -181,23 +182,15 @@ class MotionSearch:
         return pin.SE3(pin.updateFramePlacement(mechanism.model, self._data, mechanism.frame_id(name)))
 
     def _followed(self, follow: Follow) -> Array:
-        """(k, m), the frame going with its joint: each posture the nearest to the one before. Raises Infeasible, Cancelled."""
-        self._progress(f"way along {follow.asked.joint}")
-        here, rows = self._start, [self._start[self._rows]]
-        step = constraints.JOINT_STEP
-        for share, goals in follow.goals(self._frame(here, follow.frame)):
-            go_on(self._cancelled)
-            where = f"{100 * share:.0f} % of the way along {follow.asked.joint}"
-            answer = self._planner.solver.solve(
-                [*goals, *self._motion.keep, *self._always], here, start=here, moving=self._motion.moving, starts=1
-            ).require(where)
-            jump = float(np.abs(answer.q - here).max())
-            if jump > step.bound:
-                raise Infeasible(step.name, jump - step.bound, step.unit, where, f"is {jump:.3g} {step.unit}")
-            here = answer.q
-            rows.append(here[self._rows])
-        self._reached = goals
-        return np.array(rows)
+        """(k, m), the frame going with its joint. Raises Infeasible, Cancelled."""
+        scene = self._scene
+        ways = AlongWays(
+            self._planner.solver, scene.sweep, scene.margins.floors(scene.world) - LENGTH,
+            [*self._motion.keep, *self._always], follow.asked.joint, cancelled=self._cancelled, progress=self._progress,
+        )  # fmt: skip
+        places = list(follow.goals(self._frame(self._start, follow.frame)))
+        self._reached = places[-1][1]
+        return np.array(ways.way(self._start, places))[:, self._rows]
 
     # ------------------------------------------------------------------------------------------------ ways with stops only
 

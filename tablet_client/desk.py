@@ -40,6 +40,7 @@ from tablet_client.models.quantities import in_unit, label, quantity
 from tablet_client.models.situation import Situation
 from tablet_client.move_desk import MoveDesk
 from tablet_client.pairing_desk import PairingDesk
+from tablet_client.recordings_desk import RecordingsDesk
 from tablet_client.rows import Rows
 from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
@@ -85,6 +86,7 @@ class Desk(QObject):
         self._signals = SignalsDesk(situation)
         self._move = MoveDesk(situation, self._send, self._go, self._soon)
         self._workshop = Workshop(situation, self._send, self._soon)
+        self._recordings = RecordingsDesk(situation, self._send, self._soon)
         self._health = HealthDesk(situation, self._send, self._soon)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
@@ -127,6 +129,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def health(self) -> HealthDesk:
         return self._health
+
+    @Property(QObject, constant=True)
+    def recordings(self) -> RecordingsDesk:
+        return self._recordings
 
     @Property(QObject, constant=True)
     def library(self) -> LibraryDesk:
@@ -265,7 +271,7 @@ class Desk(QObject):
             self.situation.take(item)
         plans, busy = self.situation.plans, False
         if self._session is not None and self.situation.link.attached:
-            for call in self.situation.service.want(now):
+            for call in (*self.situation.service.want(now), *self._recordings.want(now)):
                 self._session.send(call)
         if self._session is not None and (plan := plans.want()):
             self._session.send(GetPlan(id=plan))
@@ -277,11 +283,12 @@ class Desk(QObject):
                 self._session.send(call)
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))
+            self.situation.replay.advance(min(now - self._last_look, 0.2))
         self._last_look = now
         self._frame_out, self._frame_since = self._stage.show(self.situation), now
         self._build()
         self._journal.grow(self.situation.journal.entries, KEPT)
-        if busy or (plans.shown is not None and plans.playing and self._stage.loaded):
+        if busy or self.situation.replay.playing or (plans.shown is not None and plans.playing and self._stage.loaded):
             self._look.start()
 
     def _build(self) -> None:
@@ -293,6 +300,7 @@ class Desk(QObject):
         self._camera.build()
         self._signals.build()
         self._health.build()
+        self._recordings.build()
         self._move.build()
         self._hands.show(self._build_hands())
         self._announce("_prompt", self._build_prompt(), self.promptChanged)

@@ -35,10 +35,12 @@ from handrail.messages import (
     GetIdentity,
     GetInstances,
     GetRobot,
+    GetSamples,
     GetStatus,
     Instances,
     InstanceState,
     Jog,
+    ListRecordings,
     MakePlan,
     Message,
     PlanMotion,
@@ -74,7 +76,7 @@ EVENTS = (
     CodeChanged,
 )
 
-_LONG = (MakePlan, PlanMotion, CheckTask)
+_LONG = (MakePlan, PlanMotion, CheckTask, ListRecordings, GetSamples)
 _GONE = 0.08  # s after which a place sent by hand counts as taken: it is answered only when the robot is there
 _HEARTBEAT = 1.0  # s
 _RETRY = 1.0  # s

@@ -24,7 +24,7 @@ from PIL import Image
 from benchmarks.virtual_screen import virtual_screen
 from handrail.client import Client, connect
 from handrail.link.keys import ClientKeys, for_client
-from handrail.messages import Pose
+from handrail.messages import Mark, Pose, StartRecording, StopRecording
 from handrail.robot import library as robots
 from handrail.topics import RefusedError, Unreachable
 
@@ -137,6 +137,7 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
     camera.until(lambda: desk.situation.world.instances and desk.header["drives"] == "enabled", "wheel_1, drives")
     desk.signals.choose("arm_right_4_joint.position")
     desk.signals.choose("force.z")
+    robot.call(StartRecording(name="valve"))
     for page in camera.pages():
         if page == "task":
             continue  # when it runs
@@ -154,7 +155,17 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
         elif page == "objects":
             camera.until(lambda: desk.bench.view["selected"], "the selected wheel")
             camera.turn(10.0)  # what is reached comes while it is looked at
+        elif page == "health":
+            desk.health.choose("engine")
+            camera.until(lambda: desk.health.view["log"], "what the engine said")
+        elif page == "recordings":
+            robot.call(Mark(text="the wheel is placed"))
+            robot.call(StopRecording())
+            camera.until(lambda: any(row["fits"] for row in desk.recordings.found.lines), "the recording")
+            desk.recordings.show("valve")
+            camera.until(lambda: desk.recordings.time > 1.0, "the replay")
         camera.take(page)
+        desk.recordings.back()
         desk.move.reset()
     desk.bench.select("")
     camera.page("task")
@@ -189,6 +200,7 @@ def main() -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="handrail-")))
         os.environ.update(
             HANDRAIL_RUNTIME=str(folder / "run"), HANDRAIL_KEYS=str(folder / "keys"),
+            HANDRAIL_RECORDINGS=str(folder / "recordings"),
             DISPLAY=stack.enter_context(virtual_screen()), QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic",
         )  # fmt: skip
         with socket.socket() as free:

@@ -23,6 +23,8 @@ from tablet_client.models.move import Move
 from tablet_client.models.output import Output
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
+from tablet_client.models.recordings import RecordingList
+from tablet_client.models.replay import Replay
 from tablet_client.models.robot import Robot
 from tablet_client.models.service import Service
 from tablet_client.models.signals import Signals
@@ -56,6 +58,8 @@ class Situation:
         self.hands = Hands()
         self.move = Move()
         self.service = Service()
+        self.recordings = RecordingList(clock)
+        self.replay = Replay()
         self.journal = Journal()
         self.output = Output()
         self.code = Code()
@@ -77,7 +81,7 @@ class Situation:
     @property
     def only_looks(self) -> str:
         """Code of the reason why nothing may be commanded from here, whatever the robot does; empty where it may."""
-        return "observer" if self.role == "observer" else ""
+        return "observer" if self.role == "observer" else "replaying" if self.replay.active else ""
 
     def why_not_answer(self, option: str) -> str:
         """Code of the reason why an option of the current prompt can't be chosen; empty when it can."""
@@ -156,6 +160,8 @@ class Situation:
         if isinstance(item, arrivals.Unanswered):
             self.pending.clear()
             self.service.anew()
+            self.recordings.anew()
+            self.replay.anew()
             self.note("error", "detached", item.why)
         elif isinstance(item, arrivals.EngineDetached):
             self.note("warning", "engine_detached", item.why)
@@ -174,6 +180,7 @@ class Situation:
         if self.robot.info is not None and self.robot.info.name != item.info.name:
             self.clouds.clear()
             self.quality.clear()
+            self.replay.end()
         self.robot.attach(item.info, item.status)
         self.bench.arms = tuple(item.info.arms)
         self.bench.tools = tuple(item.info.tools.values())
@@ -220,6 +227,8 @@ class Situation:
         self.code.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.service.take(item.call, item.answer)
+        self.recordings.take(item.call, item.answer)
+        self.replay.take(item.call, item.answer)
         self.bench.edits.answered(item.call)
         if isinstance(item.call, messages.PlanMotion):
             self.move.planned()
@@ -242,6 +251,8 @@ class Situation:
         self.code.failed(item.call, item.why)
         self.deployments.failed(item.call, item.why)
         self.service.failed(item.call, item.why)
+        self.recordings.failed(item.call, item.why)
+        self.replay.failed(item.call, item.why, self._clock())
         self.bench.edits.refused(item.call)
         if isinstance(item.call, messages.Jog):
             self.move.refused(item.why)
@@ -250,7 +261,9 @@ class Situation:
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
             return  # said beside the waypoints
-        if isinstance(item.call, messages.GetProcesses | messages.GetProcessLog):
+        if isinstance(
+            item.call, messages.GetProcesses | messages.GetProcessLog | messages.ListRecordings | messages.GetSamples
+        ):
             return  # said on the page that asks
         self.note("warning" if item.refused else "error", "refused" if item.refused else "unanswered", name, item.why)
 

@@ -21,6 +21,8 @@ Rectangle {
             ? qsTr("Drive fault: %1. Enable resets it when its cause is gone.").arg(view.faulty.join(", "))
         : view.drives === "quick_stop"
             ? qsTr("The drives stopped by themselves: no commands reached them. Enable them to go on.")
+        : desk.recordings.replay.active
+            ? qsTr("REPLAY: what is shown was recorded. The robot may move meanwhile; STOP stops it, nothing else is commanded from here.")
         : ""
 
     objectName: "banner"

@@ -11,7 +11,7 @@ Rectangle {
     readonly property color tone: view.stale ? Theme.danger : Theme.accent
 
     objectName: "ghostBar"
-    visible: view.shown
+    visible: view.shown && !desk.recordings.replay.active
     implicitHeight: column.implicitHeight + 2 * Theme.tight
     radius: Theme.radius
     color: Qt.alpha(Theme.panel, 0.9)

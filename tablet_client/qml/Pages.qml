@@ -13,11 +13,12 @@ QtObject {
         { group: qsTr("Program"), name: "code", title: qsTr("Code"), file: "CodePanel.qml", wide: true },
         { group: qsTr("Teleoperate"), name: "move", title: qsTr("Move"), file: "MovePanel.qml" },
         { group: qsTr("See"), name: "signals", title: qsTr("Signals"), file: "SignalsPanel.qml" },
+        { group: qsTr("See"), name: "recordings", title: qsTr("Record"), file: "RecordingsPanel.qml" },
         { group: qsTr("See"), name: "health", title: qsTr("Health"), file: "HealthPanel.qml", wide: true },
         { group: qsTr("See"), name: "journal", title: qsTr("History"), file: "JournalPanel.qml" },
         { group: qsTr("See"), name: "output", title: qsTr("Output"), file: "OutputPanel.qml", wide: true },
     ]
-    readonly property var marks: ({ task: desk.run.view.status === "failed" ? Theme.danger : "", health: desk.health.view.troubled ? Theme.danger : "" }) // a page that should be looked at
+    readonly property var marks: ({ task: desk.run.view.status === "failed" ? Theme.danger : "", health: desk.health.view.troubled ? Theme.danger : "", recordings: desk.recordings.view.running ? Theme.danger : "" }) // a page that should be looked at
     property string current: "task"
     readonly property bool wide: all.some(page => page.name === current && page.wide === true)
 

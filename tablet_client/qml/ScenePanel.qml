@@ -210,6 +210,7 @@ Rectangle {
         }
     }
     ContextBar { id: context; onMore: menu.show(Qt.point(x, y + height + Theme.gap)); anchors { top: views.bottom; left: parent.left; right: seen.left; margins: Theme.gap } }
+    ReplayBar { anchors { left: parent.left; right: parent.right; bottom: parent.bottom; margins: Theme.gap } }
     GhostBar { anchors { left: parent.left; right: parent.right; bottom: parent.bottom; margins: Theme.gap } }
     ObjectMenu { id: menu; objectName: "objectMenu"; anchors.fill: parent }
     EmptyScene { anchors.fill: parent }

@@ -36,6 +36,9 @@ QtObject {
             "": "",
             no_robot: qsTr("no robot"),
             observer: qsTr("you only observe"),
+            replaying: qsTr("a replay is shown"),
+            is_recording: qsTr("is being recorded"),
+            not_recording: qsTr("nothing is recorded"),
             no_engine: qsTr("the engine does not answer"),
             no_program: qsTr("no program"),
             stopped: qsTr("stop is latched"),
@@ -219,6 +222,11 @@ QtObject {
     // How a state of the program stands.
     function mark(code) {
         return ({ active: qsTr("runs"), waiting: qsTr("waits"), failed: qsTr("failed"), passed: qsTr("done") })[code] || qsTr("not reached")
+    }
+
+    // A moment or a length of time, as 1:05.
+    function minutes(seconds) {
+        return Math.floor(seconds / 60) + ":" + String(Math.floor(seconds % 60)).padStart(2, "0")
     }
 
     function lasted(seconds) {

@@ -130,12 +130,14 @@ class Stage(QObject):
 
     def show(self, situation: Situation) -> bool:
         """Draw what the models know. True when that needs a new frame."""
-        info, state = situation.robot.info, situation.robot.state
+        replay, info, state = situation.replay, situation.robot.info, situation.robot.state
+        if replay.active and info is not None:
+            state = replay.state(info.joints) or state
         if info is not None and info.name != self._asked:
             self._load(info.name)
-        moved = self._show_instances(situation.bench.shown())
+        moved = self._show_instances(replay.instances() if replay.active else situation.bench.shown())
         moved |= self._show_bench(situation.bench, situation.move.target)
-        moved |= self._show_clouds(situation.clouds.seen)
+        moved |= self._show_clouds({} if replay.active else situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
         situation.hands.spans = self._robot.grippers
@@ -146,16 +148,21 @@ class Stage(QObject):
             self.changed.emit()
             moved = True
         position, base = self._ordered(info.joints, state.position), _matrix(state.base_in_world)
-        self._meet(situation, info)
+        if situation.robot.state is not None:
+            self._meet(situation, info)
         by_hand = situation.move.posture
-        pose = (self._robot, plans.shown, plans.time, situation.move.stamp)
+        pose = (self._robot, plans.shown, plans.time, situation.move.stamp, replay.active)
         still = np.abs(base - self._drawn_base).max() < _BASE_STILL
         if pose == self._drawn_pose and still and np.abs(position - self._drawn_position).max() < _STILL:
             return moved
         self._drawn_pose, self._drawn_position, self._drawn_base = pose, position, base
         poses = base @ self._robot.chain.poses(position)
         self._bodies.pose(poses)
-        if by_hand is None:
+        if replay.active:
+            self._tell_ghost(False, False)
+            self._ghost.hide()
+            self._draw_trail(None, ())
+        elif by_hand is None:
             self._show_ghost(situation, position, poses)
         else:
             self._tell_ghost(True, not situation.move.reached)

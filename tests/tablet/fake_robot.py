@@ -42,15 +42,19 @@ from handrail.messages import (
     GetReleases,
     GetRobot,
     GetRunHistory,
+    GetSamples,
     GetStatus,
     HoldInstance,
+    InstanceAt,
     InstanceEdit,
     Instances,
     InstanceState,
     Library,
     LibraryEntry,
     ListLibrary,
+    ListRecordings,
     LoopStatistics,
+    MarkedAt,
     Nodes,
     Outline,
     OutlineState,
@@ -67,6 +71,8 @@ from handrail.messages import (
     Prompt,
     PromptClosed,
     Reach,
+    RecordingInfo,
+    Recordings,
     Refused,
     Release,
     ReleaseInstance,
@@ -79,10 +85,13 @@ from handrail.messages import (
     RunHistory,
     RunState,
     SaidLine,
+    Samples,
     SavedTemplate,
     SaveTemplate,
+    StartRecording,
     StateVisit,
     Stop,
+    StopRecording,
     UndoEdit,
     WaypointReach,
 )
@@ -104,6 +113,8 @@ class FakeRobot:
         self.role: Any = "operator"
         self.traffic = {"RobotState": 0, "": 0}
         self.processes: list[ProcessUse] = []
+        self.recordings: list[RecordingInfo] = []
+        self.recording = ""
         self.engine_there = True
         self.enabled, self.stopped, self.stop_reason, self.speed = True, False, "", 1.0
         self.hanging = threading.Event()  # set: calls other than STOP never come back
@@ -309,6 +320,26 @@ class FakeRobot:
         self.publish(CodeChanged(engine=call.engine, release=new))
         return RolledBack(release=new)
 
+    def recorded(self) -> RecordingInfo:
+        """A recording of 15 s: the right arm's first joint turns by 0.05 rad/s, a wheel is there from 5 s on."""
+        marks = [MarkedAt(5.0, "the wheel is placed", "ada")]
+        return RecordingInfo(
+            name="valve", size=31_000_000, began=1_790_000_000.0, duration_s=15.0, robot="talos_upper", marks=marks
+        )
+
+    def samples(self, call: GetSamples) -> Samples:
+        times = np.arange(call.begin_s, min(call.begin_s + call.duration_s, 15.0), 1 / call.rate_hz)
+        joint = self.description.arms["right"].joints[0]
+        place = InstanceAt(5.0, self.wheel())
+        return Samples(
+            recording=call.recording,
+            begin_s=call.begin_s,
+            joints=[joint],
+            times_s=times.tolist(),
+            positions=[[round(500 * at)] for at in times],
+            instances=[place],
+        )
+
     def outline(self) -> Outline:
         """The states of what it runs, as turn_valve has them."""
         states = [
@@ -347,6 +378,10 @@ class FakeRobot:
         if isinstance(call, AnswerPrompt):
             self.prompts = [prompt for prompt in self.prompts if prompt.id != call.id]
             self.publish(PromptClosed(id=call.id, answer=call.answer, by=call.by))
+        if isinstance(call, StartRecording):
+            self.recording = call.name
+        if isinstance(call, StopRecording):
+            self.recording = ""
         arms = self.description.arms
         answers: dict[type, Callable[[], Any]] = {
             GetRobot: lambda: RobotInfo(
@@ -364,6 +399,8 @@ class FakeRobot:
                 period_ns=self.description.period_ns,
             ),
             GetStatus: self.status,
+            ListRecordings: lambda: Recordings(recordings=self.recordings, running=self.recording, free_mb=40e3),
+            GetSamples: lambda: self.samples(call),
             GetIdentity: lambda: ClientIdentity(name="ada", role=self.role),
             GetProcesses: lambda: Processes(processes=self.processes),
             GetProcessLog: lambda: ProcessLog(

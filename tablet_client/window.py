@@ -18,6 +18,7 @@ from PySide6.QtQuickControls2 import QQuickStyle
 
 from handrail.robot.description import RobotDescription
 from tablet_client.camera_desk import CameraPicture
+from tablet_client.collecting import Collector
 from tablet_client.desk import FRAME, FRAME_IN_SOFTWARE, Desk
 from tablet_client.models.situation import Situation
 from tablet_client.scene.stage import Stage
@@ -39,6 +40,7 @@ class TabletWindow:
     desk: Desk
     stage: Stage
     engine: QQmlApplicationEngine
+    collector: Collector
 
     def close(self) -> None:
         """Take the window down in an order that Qt survives: QML first, then what it was bound to."""
@@ -48,6 +50,7 @@ class TabletWindow:
         self.window.close()
         self.engine.deleteLater()
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        self.collector.close()
 
 
 def application() -> QGuiApplication:
@@ -77,6 +80,7 @@ def open_window(
     Raises RuntimeError with QML's errors.
     """
     application()
+    collector = Collector()
     _register()
     stage = Stage(describe, meshes)
     software = software_rendering()
@@ -103,7 +107,7 @@ def open_window(
     assert isinstance(window, QQuickWindow)
     window.frameSwapped.connect(desk.frame_swapped)
     window.show()
-    return TabletWindow(window, desk, stage, engine)
+    return TabletWindow(window, desk, stage, engine, collector)
 
 
 @cache

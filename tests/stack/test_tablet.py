@@ -14,7 +14,7 @@ from handrail.robot import library as robots
 from tests.line import Line
 from tests.stack.conftest import Stack
 from tests.tablet.conftest import mesh_folder, qt, screen  # noqa: F401  (fixtures)
-from tests.tablet.shown import Shown
+from tests.tablet.shown import Shown, closed_here
 
 pytestmark = [pytest.mark.stack]
 
@@ -52,17 +52,15 @@ def line(stack: Stack) -> Iterator[Line]:
 
 @pytest.fixture
 def tablet(qt: None, mesh_folder: Any) -> Iterator[Callable[[int], Shown]]:  # noqa: F811
-    opened: list[Shown] = []
+    with closed_here() as opened:
 
-    def show(port: int) -> Shown:
-        opened.append(Shown(Remote(port), mesh_folder))
-        opened[-1].window.resize(1280, 800)
-        opened[-1].until(lambda: opened[-1].find("scene").property("height") > 600)
-        return opened[-1].drawn()
+        def show(port: int) -> Shown:
+            opened.append(Shown(Remote(port), mesh_folder))
+            opened[-1].window.resize(1280, 800)
+            opened[-1].until(lambda: opened[-1].find("scene").property("height") > 600)
+            return opened[-1].drawn()
 
-    yield show
-    for shown in opened:
-        shown.close()
+        yield show
 
 
 def place_of(shown: Shown) -> np.ndarray:

@@ -16,7 +16,7 @@ import pytest
 from benchmarks.virtual_screen import virtual_screen
 from tests.tablet.behind import Behind
 from tests.tablet.fake_robot import FakeRobot
-from tests.tablet.shown import Shown
+from tests.tablet.shown import Shown, closed_here
 
 
 def wait_until(holds: Callable[[], Any], seconds: float = 60.0, turn: Callable[[], None] | None = None) -> Any:
@@ -73,15 +73,13 @@ def qt(screen: str) -> None:
 
 @pytest.fixture
 def show(qt: None, robot: Any, mesh_folder: Path) -> Iterator[Callable[..., Shown]]:
-    opened: list[Shown] = []
+    with closed_here() as opened:
 
-    def make(**arguments: Any) -> Shown:
-        opened.append(Shown(robot, mesh_folder, **arguments))
-        return opened[-1]
+        def make(**arguments: Any) -> Shown:
+            opened.append(Shown(robot, mesh_folder, **arguments))
+            return opened[-1]
 
-    yield make
-    for shown in opened:
-        shown.close()
+        yield make
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -205,6 +206,21 @@ class Shown:
         self.session.close()
         self.window.frameSwapped.disconnect(self._swapped)
         self.opened.close()
+        del self.opened, self.window, self.desk  # whoever still has this, as pytest has, does not keep them
+
+
+@contextmanager
+def closed_here() -> Iterator[list[Shown]]:
+    """Windows that are put into the list are closed in the end, and collected on this thread: see `tablet_client.collecting`."""
+    by_itself, opened = gc.isenabled(), list[Shown]()
+    gc.disable()
+    yield opened
+    for shown in opened:
+        shown.close()
+    opened.clear()
+    gc.collect()
+    if by_itself:
+        gc.enable()
 
 
 class Finger:

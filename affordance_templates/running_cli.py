@@ -44,6 +44,9 @@ def reach(
                 _show(found)
 
 
+_Other = Annotated[
+    str, typer.Option(help="For a sync of two hands: the arm of the second one; left out: the robot's other one.")
+]
 _First = Annotated[str, typer.Option("--from", help="Waypoint to go to first; left out: the first, or the next one.")]
 _Steps = Annotated[int, typer.Option(min=0, help="Waypoints to go to, from where the last run left the hand; 0: all.")]
 _Back = Annotated[bool, typer.Option("--backwards", help="Each leg as it was gone forwards.")]
@@ -54,6 +57,7 @@ def run(
     instance: _Instance,
     trajectory: _Trajectory,
     arm: _Arm = "",
+    other: _Other = "",
     first: _First = "",
     steps: _Steps = 0,
     backwards: _Back = False,
@@ -62,7 +66,7 @@ def run(
     connect_to: ConnectTo = DEFAULT_ADDRESS,
     keys: Keys = None,
 ) -> None:
-    """Go along a trajectory, one waypoint after the other: an ordinary run, as `handrail program run` follows it.
+    """Go along a trajectory, or a sync of two hands, waypoint by waypoint: an ordinary run, as `handrail program run` follows it.
 
     `handrail program autonomy high` has every motion asked about first, with its plan's ghost to be seen. Ctrl-C stops the motion.
     Exits with 0 when it succeeded, 1 when it failed or was refused, 130 when it was stopped.
@@ -72,6 +76,7 @@ def run(
             instance,
             trajectory,
             arm,
+            other=other,
             first=first,
             steps=steps,
             backwards=backwards,
@@ -85,6 +90,7 @@ def expand(
     instance: _Instance,
     trajectory: _Trajectory,
     arm: _Arm = "",
+    other: _Other = "",
     first: _First = "",
     steps: _Steps = 0,
     backwards: _Back = False,
@@ -96,7 +102,7 @@ def expand(
     """Print the program that `run` would run, or save it as one of your own."""
     with the_robot(connect_to, keys) as robot:
         program = robot.expand_template(
-            instance, trajectory, arm, first=first, steps=steps, backwards=backwards, loop=loop
+            instance, trajectory, arm, other=other, first=first, steps=steps, backwards=backwards, loop=loop
         )
     if to is None:
         print(program.text, end="")

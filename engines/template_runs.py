@@ -9,17 +9,21 @@ import numpy as np
 from affordance_templates.binding import bind
 from affordance_templates.instance import Instance
 from engines.activities.base import Services
+from engines.activities.meetings import meetings
 from engines.activities.waypoints import rewound
 from engines.programs import deployment
 from engines.programs import program as programs
 from engines.programs.deployment import Deployed
-from engines.programs.from_template import ARM, AT, WHAT, Expanded, Wish, expand
+from engines.programs.from_template import ARM, AT, OTHER, WHAT, Expanded, Wish, expand
 from handrail import messages as m
 from handrail.topics import refuse
 
 _THERE = 0.05
 """m that a hand is from a waypoint at most and still counts as there: guarded ways go on until something is felt"""
 _KEPT = 20
+
+_Key = tuple[str, str, str, str]
+"""instance, trajectory, arm, the other arm of a sync"""
 
 
 class TemplateRuns:
@@ -28,26 +32,26 @@ class TemplateRuns:
     def __init__(self, services: Services, folder: Path):
         """`folder`: where the programs' files are written."""
         self._services, self._folder = services, folder
-        self._runs: dict[str, tuple[str, str, str]] = {}
-        """deployment → instance, trajectory, arm"""
-        self._stands: dict[tuple[str, str, str], str] = {}
-        """instance, trajectory, arm → waypoint that a run reached last"""
+        self._runs: dict[str, _Key] = {}
+        """by deployment"""
+        self._stands: dict[_Key, str] = {}
+        """the waypoint that a run reached last"""
 
     def program(self, call: m.ExpandTemplate) -> m.TemplateProgram:
         """Refused where there is no such instance, trajectory, arm or waypoint, or nothing left to go to."""
-        expanded, arm = self._expanded(call)
-        return m.TemplateProgram(name=expanded.name, text=expanded.text, bindings=_bindings(call, arm))
+        expanded, arms = self._expanded(call)
+        return m.TemplateProgram(name=expanded.name, text=expanded.text, bindings=_bindings(call, arms))
 
     def deploy(self, call: m.RunTemplate) -> Deployed:
         """The same, ready to run."""
-        expanded, arm = self._expanded(call)
+        expanded, arms = self._expanded(call)
         self._folder.mkdir(exist_ok=True)
         file = self._folder / f"{expanded.name}.yaml"
         file.write_text(expanded.text, encoding="utf-8")
         services = self._services
-        request = m.Deploy(program=expanded.name, bindings=_bindings(call, arm))
+        request = m.Deploy(program=expanded.name, bindings=_bindings(call, arms))
         deployed = deployment.deploy(request, programs.read(file), services.description, services.affordances)
-        self._runs[deployed.id] = (call.instance, call.trajectory, arm)
+        self._runs[deployed.id] = (call.instance, call.trajectory, *arms)
         for id in list(self._runs)[:-_KEPT]:
             del self._runs[id]
         return deployed
@@ -58,37 +62,57 @@ class TemplateRuns:
         if key is not None and (at := state.data.get(AT)):
             self._stands[key] = str(at)
 
-    def _expanded(self, call: m.ExpandTemplate | m.RunTemplate) -> tuple[Expanded, str]:
-        arms = self._services.description.arms
-        arm = call.arm or (next(iter(arms)) if len(arms) == 1 else "")
-        if arm not in arms:
-            raise refuse(
-                "no such arm", "arm", call.arm or "none", f"one of: {', '.join(arms) or 'none, it has no arm'}"
-            )
+    def _expanded(self, call: m.ExpandTemplate | m.RunTemplate) -> tuple[Expanded, tuple[str, str]]:
+        """And the arms, the other one empty where one hand does it."""
         instance = self._services.affordances.get(call.instance)
+        arm, other = arms = self._arms(call, instance)
         wish = Wish(
             trajectory=call.trajectory,
             arm=arm,
+            other=other,
             first=call.first,
             steps=call.steps,
             back=call.backwards,
             rounds=call.loop,
-            stands=self._standing(instance, call.trajectory, arm),
+            stands=self._standing(instance, call.trajectory, arms),
         )
-        return expand(self._services.description, instance, wish), arm
+        return expand(self._services.description, instance, wish), arms
 
-    def _standing(self, instance: Instance, trajectory: str, arm: str) -> str:
-        """The waypoint at which a run has left the hand, if that is there still; empty: nobody knows."""
-        at = self._stands.get((instance.name, trajectory, arm), "")
-        found = instance.resolve().trajectories.get(trajectory)
-        command = self._services.daemon.command()
-        if not at or found is None or command is None or at not in (names := [each.name for each in found.waypoints]):
+    def _arms(self, call: m.ExpandTemplate | m.RunTemplate, instance: Instance) -> tuple[str, str]:
+        """Those that are asked for; of a sync those that its hands are named as, or the robot's two."""
+        robot, resolved = self._services.description.arms, instance.resolve()
+        arm, other, sync = call.arm, call.other, resolved.syncs.get(call.trajectory)
+        if sync is not None and len(sync.trajectories) == 2:
+            named = [resolved.trajectories[each].hand for each in sync.trajectories]
+            if not arm and not other and set(named) <= set(robot):
+                arm, other = named
+            if arm in robot and not other and len(robot) == 2:
+                (other,) = set(robot) - {arm}
+        arm = arm or (next(iter(robot)) if len(robot) == 1 else "")
+        if arm not in robot:
+            raise refuse("no such arm", "arm", arm or "none", f"one of: {', '.join(robot) or 'none, it has no arm'}")
+        return arm, other
+
+    def _standing(self, instance: Instance, trajectory: str, arms: tuple[str, str]) -> str:
+        """The waypoint at which a run has left the hand, or hands, if they are there still; empty: nobody knows."""
+        at, command = self._stands.get((instance.name, trajectory, *arms), ""), self._services.daemon.command()
+        resolved = instance.resolve()
+        if not at or command is None or trajectory not in (*resolved.trajectories, *resolved.syncs):
             return ""
-        number = names.index(at)
-        bound = bind(rewound(instance, found, number + 1), trajectory, self._services.description, {found.hand: arm})
-        off = self._services.tip(command, arm) - bound.waypoints[number].tip_in_world[:3, 3]
-        return at if float(np.linalg.norm(off)) < _THERE else ""
+        there = next((each.reached for each in meetings(instance, trajectory) if each.name == at), None)
+        if there is None:
+            return ""
+        for (name, number), arm in zip(there.items(), arms, strict=False):
+            found = resolved.trajectories[name]
+            if number < 0:
+                continue
+            bound = bind(rewound(instance, found, number + 1), name, self._services.description, {found.hand: arm})
+            off = self._services.tip(command, arm) - bound.waypoints[number].tip_in_world[:3, 3]
+            if float(np.linalg.norm(off)) >= _THERE:
+                return ""
+        return at
 
 
-def _bindings(call: m.ExpandTemplate | m.RunTemplate, arm: str) -> dict[str, str]:
-    return {ARM: arm, WHAT: call.instance}
+def _bindings(call: m.ExpandTemplate | m.RunTemplate, arms: tuple[str, str]) -> dict[str, str]:
+    arm, other = arms
+    return {ARM: arm} | ({OTHER: other} if other else {}) | {WHAT: call.instance}

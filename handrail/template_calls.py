@@ -55,27 +55,30 @@ class TemplateCalls:
                     renewed = time.monotonic()
 
     def expand_template(
-        self, instance: str, trajectory: str, arm: str = "", *, first: str = "", steps: int = 0, backwards: bool = False,
-        loop: int = 1,
+        self, instance: str, trajectory: str, arm: str = "", *, other: str = "", first: str = "", steps: int = 0,
+        backwards: bool = False, loop: int = 1,
     ) -> TemplateProgram:  # fmt: skip
         """The program that `run_template` would run: its file's text, to be saved and changed, and what it would be bound to."""
         call = ExpandTemplate(
-            instance=instance, trajectory=trajectory, arm=arm, first=first, steps=steps, backwards=backwards, loop=loop
-        )
+            instance=instance, trajectory=trajectory, arm=arm, other=other, first=first, steps=steps, backwards=backwards,
+            loop=loop,
+        )  # fmt: skip
         return self.call(call)
 
     def run_template(
-        self, instance: str, trajectory: str, arm: str = "", *, first: str = "", steps: int = 0, backwards: bool = False,
-        loop: int = 1, on_failure: OnFailure = "end",
+        self, instance: str, trajectory: str, arm: str = "", *, other: str = "", first: str = "", steps: int = 0,
+        backwards: bool = False, loop: int = 1, on_failure: OnFailure = "end",
     ) -> RunState:  # fmt: skip
         """Go along an instance's trajectory as an ordinary run, one state a waypoint: planned ways are shown before they are gone,
         and asked about at autonomy `high` and below (`set_autonomy`). `stop_run` ends it in the midst of a motion.
+
+        Of a `sync` both hands go, `arm` its first one, `other` the second; both left out: as its hands are named.
 
         `first`: the waypoint to begin with; `steps`: how many to go to (1: the next one from where the last such run left the
         hand); `backwards`: each leg as it was gone forwards; `loop`: how often, forwards; `on_failure`: as for `run`.
         """
         call = RunTemplate(
-            instance=instance, trajectory=trajectory, arm=arm, first=first, steps=steps, backwards=backwards, loop=loop,
-            on_failure=on_failure,
+            instance=instance, trajectory=trajectory, arm=arm, other=other, first=first, steps=steps, backwards=backwards,
+            loop=loop, on_failure=on_failure,
         )  # fmt: skip
         return self.call(call)

@@ -7,7 +7,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from affordance_templates.instance import Instance
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.meetings import hands, legs, way_together
 from engines.activities.waypoints import asked_for, chosen, there_is, way_to
 from engines.runs.preconditions import Precondition, at_posture
 from handrail.messages import PlanMotion
@@ -15,7 +17,7 @@ from handrail.topics import RefusedError
 
 _STROKE = ("instance", "trajectory")
 _ENTRY = ("arc", "entry_shift")
-_TO = ("waypoint", "way", "leaving")
+_TO = ("waypoint", "way", "leaving", "other")
 _MOTION = ("goals", "through", "keep", "joints", "clearance")
 
 
@@ -23,6 +25,7 @@ class PlanActivity(Activity):
     """Plans one stroke (`instance`, `trajectory`), the way to one `waypoint` of a trajectory that is none, or a motion (`goals`, or
     `along`).
 
+    With an `other` arm the way is that of two hands to a point of a template's `sync`, as `do: trajectory` has it, in one plan.
     The later strokes of a task pass the `arc` that the first one chose. `way` and `leaving` are those of `do: trajectory`.
     """
 
@@ -33,6 +36,7 @@ class PlanActivity(Activity):
         "way": Argument(Kind.CHOICE, required=False, default="forwards", choices=("forwards", "backwards")),
         "leaving": Argument(Kind.TEXT, required=False, default=""),
         "arm": Argument(Kind.ARM, required=False, default=""),
+        "other": Argument(Kind.ARM, required=False, default=""),
         "arc": Argument(Kind.NUMBER, required=False, unit="rad"),
         "entry_shift": Argument(Kind.NUMBER, required=False, default=0.0, unit="rad"),
         "goals": Argument(Kind.GOALS, required=False, default=()),
@@ -139,6 +143,8 @@ class PlanActivity(Activity):
         """To the waypoint. Raises ActivityFailed."""
         values = self.values
         instance = asked_for(self.services, values["instance"])
+        if values["other"]:
+            return self._way_together(instance)
         (waypoint,) = chosen(
             self.services.description,
             instance,
@@ -155,5 +161,21 @@ class PlanActivity(Activity):
                 "refused",
                 f"waypoint: {values['waypoint']} is gone to {waypoint.waypoint.approach}, which nobody plans; "
                 "expected one that is gone to freely, or along a joint that is held",
+            )
+        return call
+
+    def _way_together(self, instance: Instance) -> PlanMotion:
+        """To the point of a sync. Raises ActivityFailed."""
+        values, robot = self.values, self.services.description
+        arms = hands(instance, values["trajectory"], (values["arm"], values["other"]), robot)
+        at = values["waypoint"]
+        (leg,) = legs(
+            robot, instance, values["trajectory"], arms, first=at, last=at,
+            back=values["way"] == "backwards", leaving=values["leaving"],
+        )  # fmt: skip
+        call = way_together(leg, instance)
+        if call is None:
+            raise ActivityFailed(
+                "refused", f"waypoint: not both hands go to {at} freely; expected a point that both do"
             )
         return call

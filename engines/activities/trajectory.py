@@ -8,8 +8,9 @@ names, along a joint or around it. What is held goes along its joint on a plan.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.execute import execute, fresh
 from engines.activities.hand import poses_of, shape_hand
+from engines.activities.meetings import hands, legs, way_together
+from engines.activities.together import Together
 from engines.activities.waypoints import asked_for, chosen, pushes, there_is, way_to
 from engines.runs.motion import MotionFailed
 from engines.runs.preconditions import Precondition
@@ -73,6 +76,10 @@ class TrajectoryActivity(Activity):
     its shape and the arm carries a rigid tool.
 
     `still` is another arm, which holds something meanwhile: joints that both have (a torso) stand, so that it stays where it is.
+
+    With an `other` arm the trajectory is a template's `sync`, of two hands: the arm goes along the first of its trajectories, the
+    other one along the second, at one time, from point to point (engines.activities.meetings); `first`, `last` and `leaving` are
+    points then.
     """
 
     arguments = {
@@ -85,29 +92,79 @@ class TrajectoryActivity(Activity):
         "leaving": Argument(Kind.TEXT, required=False, default=""),
         "plan": Argument(Kind.VALUE, required=False),
         "still": Argument(Kind.ARM, required=False, default=""),
+        "other": Argument(Kind.ARM, required=False, default=""),
     }
     outputs = frozenset({"waypoint", "holds", "moved"})
     _executed = ""
     """id of the plan that is under way"""
+    _hands: Mapping[str, TrajectoryActivity] = MappingProxyType({})
+    """of a sync: trajectory → who goes along it"""
+
+    @classmethod
+    def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
+        """See Activity."""
+        return ("still", "beside other; expected one of both") if "still" in given and "other" in given else ("", "")
 
     def run(self) -> dict[str, Any]:
-        self._instance = instance = asked_for(self.services, self.values["instance"])
-        self._holds, self._moved = False, 0.0
+        self._set_out(asked_for(self.services, self.values["instance"]))
         self._plan = str(self.values["plan"] or "")
-        waypoints = self._chosen(instance)
+        if self.values["other"]:
+            return self._together()
+        waypoints = self._chosen(self._instance)
+        self.go(waypoints)
+        return {"waypoint": waypoints[-1].waypoint.name, "holds": self._holds, "moved": self._moved}
+
+    def _set_out(self, instance: Instance) -> None:
+        self._instance, self._holds, self._moved, self._plan = instance, False, 0.0, ""
+
+    def go(self, waypoints: Sequence[BoundWaypoint]) -> None:
+        """To all of them, one after the other. Raises ActivityFailed."""
         for waypoint in waypoints:
             try:
                 self._still_there()
-                self._reach(instance, waypoint)
-                if waypoint.fingers:
-                    self._still_there()
-                    self._shape(waypoint)
+                self._reach(self._instance, waypoint)
+                self.shape(waypoint)
             except ActivityFailed as failed:
                 raise ActivityFailed(failed.reason, f"{waypoint.waypoint.name}: {failed}") from failed
-        return {"waypoint": waypoints[-1].waypoint.name, "holds": self._holds, "moved": self._moved}
+
+    def _together(self) -> dict[str, Any]:
+        values, instance, robot = self.values, self._instance, self.services.description
+        arms = hands(instance, values["trajectory"], (values["arm"], values["other"]), robot)
+        way = legs(
+            robot, instance, values["trajectory"], arms, first=values["first"], last=values["last"],
+            back=values["way"] == "backwards", leaving=values["leaving"],
+        )  # fmt: skip
+        beside = {values["arm"]: values["other"], values["other"]: values["arm"]}
+        own = {"plan": None, "other": "", "first": "", "last": "", "leaving": ""}
+        found = {
+            name: TrajectoryActivity(
+                self.context, {**values, **own, "trajectory": name, "arm": arm, "still": beside[arm]}
+            )
+            for name, arm in arms.items()
+        }
+        for name, hand in found.items():
+            hand._set_out(instance)
+            hand._check_poses([waypoint for leg in way for waypoint in leg.ways[name]])
+        self._hands, both = found, Together(found, self.context.motion)
+        if self.cancelled.is_set():  # before there were hands to tell
+            both.stop()
+        for leg in way:
+            if (call := way_together(leg, instance)) is None:
+                both.go(leg)
+                continue
+            try:
+                self._still_there()
+                self._planned(call)
+                both.shape(leg)
+            except ActivityFailed as failed:
+                raise ActivityFailed(failed.reason, f"{leg.name}: {failed}") from failed
+        moved = max((hand._moved for hand in found.values()), key=abs)
+        return {"waypoint": way[-1].name, "holds": any(hand._holds for hand in found.values()), "moved": moved}
 
     def cancel(self) -> None:
         super().cancel()
+        for hand in self._hands.values():
+            hand.cancelled.set()
         self.context.motion.interrupt()
 
     def preconditions(self) -> Iterator[Precondition]:
@@ -124,6 +181,8 @@ class TrajectoryActivity(Activity):
             except RefusedError as refused:
                 yield Precondition("there is the plan of its first way", False, str(refused))
         yield from super().preconditions()
+        for hand in self._hands.values():
+            yield from self.context.motion.preconditions(hand.cancelled)
 
     def _outdated(self) -> str:
         """Why the waypoints are not where they were when it began, in words; empty: they are. Its joints may have moved."""
@@ -155,9 +214,13 @@ class TrajectoryActivity(Activity):
             back=values["way"] == "backwards",
             leaving=values["leaving"],
         )
-        if len({each.waypoint.hand_pose for each in waypoints} - {""}) > 1:
-            poses_of(self.services, values["arm"])
+        self._check_poses(waypoints)
         return waypoints
+
+    def _check_poses(self, waypoints: Sequence[BoundWaypoint]) -> None:
+        """Raises ActivityFailed where the hand is to change its shape and there is none."""
+        if len({each.waypoint.hand_pose for each in waypoints} - {""}) > 1:
+            poses_of(self.services, self.values["arm"])
 
     # ------------------------------------------------------------------------------------------------------ one waypoint
 
@@ -197,24 +260,46 @@ class TrajectoryActivity(Activity):
         if ended["outcome"] != "done":
             raise ActivityFailed("guarded", f"it was ended by {ended['outcome']} in {ended['segment']}")
 
-    def _straight(self, waypoint: BoundWaypoint) -> None:
-        asked, here, there = waypoint.waypoint, self._hand(), waypoint.tip_in_world.copy()
+    def standing(self) -> Array:
+        """(4, 4): where the arm's tip is commanded to be now, in the world. Raises ActivityFailed before the daemon was heard."""
+        command = self.services.daemon.command()
+        if command is None:
+            raise ActivityFailed("unknown_state", "the daemon has not told where the robot is: is it running?")
+        position, orientation = (each.tolist() for each in self.services.tip_pose(command, self.values["arm"]))
+        return of_message(Pose(position=tuple(position), orientation=tuple(orientation)))
+
+    def line(self, here: Array, waypoint: BoundWaypoint) -> tuple[Array, float] | None:
+        """Where a line from a tip `here` to a waypoint ends, (4, 4) in the world, and s that it takes at least; 0: it is there
+        already. None: the way there is no line.
+        """
+        asked, there = waypoint.waypoint, waypoint.tip_in_world.copy()
+        if asked.approach in ("free", "along"):
+            return None
         if waypoint.tolerance.rotation[2] >= math.pi:  # turning about where it points is free: no more than it must
             there[:3, :3] = _turned(here, there, _slack(waypoint))
         way = there[:3, 3] - here[:3, 3]
         length, angle = float(np.linalg.norm(way)), turn_between(here, there)
-        force = waypoint.force_in_world
-        if length < _HERE and angle < _TURNED and force is None:
-            return
-        ends: list[EndCondition] = []
+        if length < _HERE and angle < _TURNED and waypoint.force_in_world is None:
+            return there, 0.0
         if asked.until is not None:
             there[:3, 3] += _BEYOND * way / max(length, _HERE)
             length += _BEYOND
+        return there, max(length / (asked.speed or _SPEED), angle / _TURN, asked.duration, _LEAST_S)
+
+    def _straight(self, waypoint: BoundWaypoint) -> None:
+        asked, force = waypoint.waypoint, waypoint.force_in_world
+        line = self.line(self.standing(), waypoint)
+        assert line is not None, f"{asked.name} is gone to {asked.approach}"
+        there, duration = line
+        if not duration:
+            return
+        ends: list[EndCondition] = []
+        if asked.until is not None:
             ends.append(ContactEnd(frame=self._arm.tip, threshold=asked.until))
         motion = CompliantMotion(
             frame=self._arm.tip,
             joints=list(self._arm.joints),
-            duration=max(length / (asked.speed or _SPEED), angle / _TURN, asked.duration, _LEAST_S),
+            duration=duration,
             goal_in_world=to_message(there),
             axes=_axes_along(force),
             compliance=[] if force is None else [Compliance(axis="x", force=float(np.linalg.norm(force)))],
@@ -263,7 +348,7 @@ class TrajectoryActivity(Activity):
         size = float(np.linalg.norm(waypoint.force_in_world))
         now = self.services.affordances.get(self._instance.name)
         free = waypoint.tolerance.rotation[2] >= math.pi
-        circle = Circle.of(now, asked.joint, self._hand(), free=free, lag=_slack(waypoint))
+        circle = Circle.of(now, asked.joint, self.standing(), free=free, lag=_slack(waypoint))
         speed = abs(by) * circle.radius / asked.duration if asked.duration else asked.speed or _SPEED
         chords = circle.chords(by, size, speed, self._arm)
         for first in range(0, len(chords), MOST):
@@ -299,7 +384,11 @@ class TrajectoryActivity(Activity):
         except RefusedError as gone:
             raise ActivityFailed("stale", f"{name} was removed while it was being used") from gone
 
-    def _shape(self, waypoint: BoundWaypoint) -> None:
+    def shape(self, waypoint: BoundWaypoint) -> None:
+        """Give the hand the shape that the waypoint asks for, if it asks for one. Raises ActivityFailed."""
+        if not waypoint.fingers:
+            return
+        self._still_there()
         holds = shape_hand(self.context, self._arm, waypoint.fingers, self.cancelled)
         self._holds = holds and waypoint.waypoint.hand_pose == _CLOSED
 
@@ -323,14 +412,6 @@ class TrajectoryActivity(Activity):
         arm, still = arms[self.values["arm"]], self.values["still"]
         shared = arms[still].joints if still else ()
         return replace(arm, joints=tuple(joint for joint in arm.joints if joint not in shared))
-
-    def _hand(self) -> Array:
-        """(4, 4): where the arm's tip is commanded to be now, in the world."""
-        command = self.services.daemon.command()
-        if command is None:
-            raise ActivityFailed("unknown_state", "the daemon has not told where the robot is: is it running?")
-        position, orientation = (each.tolist() for each in self.services.tip_pose(command, self.values["arm"]))
-        return of_message(Pose(position=tuple(position), orientation=tuple(orientation)))
 
 
 def _slack(waypoint: BoundWaypoint) -> float:

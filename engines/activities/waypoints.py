@@ -112,7 +112,8 @@ def rewound(instance: Instance, trajectory: ResolvedTrajectory, gone: int) -> In
 
 def backwards(waypoints: Sequence[BoundWaypoint]) -> tuple[BoundWaypoint, ...]:
     """The same way from its end: to its last waypoint on a line, then each leg as it was gone forwards, without its guards and
-    pushes. At each the hand gets the shape that it had before it.
+    pushes; a line that was pressed from its begin to its end is pressed again: two hands carry by that. At each the hand gets the
+    shape that it had before it.
     """
     back = []
     for number in reversed(range(len(waypoints))):
@@ -120,6 +121,9 @@ def backwards(waypoints: Sequence[BoundWaypoint]) -> tuple[BoundWaypoint, ...]:
         leg = waypoints[number + 1].waypoint if number + 1 < len(waypoints) else None
         approach = "straight" if leg is None or leg.approach == "guarded" else leg.approach
         held = leg if approach == "along" else None
+        pressed = (
+            leg is not None and approach == "straight" and here.force_in_world is not None and leg.force is not None
+        )
         shaped = next((before for before in reversed(waypoints[:number]) if before.fingers), None)
         waypoint = replace(
             here.waypoint,
@@ -127,12 +131,13 @@ def backwards(waypoints: Sequence[BoundWaypoint]) -> tuple[BoundWaypoint, ...]:
             joint=held.joint if held else "",
             to=-float(held.to) if held else 0.0,
             until=None,
-            force=None,
+            force=leg.force if leg is not None and pressed else None,
             duration=leg.duration if leg else 0.0,
             speed=leg.speed if leg else None,
             hand_pose=shaped.waypoint.hand_pose if shaped else "",
         )
-        back.append(replace(here, waypoint=waypoint, fingers=shaped.fingers if shaped else {}, force_in_world=None))
+        force = waypoints[number + 1].force_in_world if pressed else None
+        back.append(replace(here, waypoint=waypoint, fingers=shaped.fingers if shaped else {}, force_in_world=force))
     return tuple(back)
 
 

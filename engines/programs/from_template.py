@@ -16,11 +16,12 @@ from typing import Any
 from affordance_templates.binding import BoundWaypoint
 from affordance_templates.instance import Instance
 from engines.activities.base import ActivityFailed
+from engines.activities.meetings import hands, legs, meetings, way_together
 from engines.activities.waypoints import chosen, way_to
 from handrail.robot.description import RobotDescription
 from handrail.topics import refuse
 
-ARM, WHAT, AT = "arm", "what", "at"
+ARM, OTHER, WHAT, AT = "arm", "other", "what", "at"
 """names of the program's resources, and of the variable that has the waypoint reached last"""
 _ASK = {"autonomy": "high"}
 """the operator is asked before each motion, at this level and below"""
@@ -36,7 +37,10 @@ class Wish:
     """Which part of a trajectory, and which way."""
 
     trajectory: str
+    """or a sync"""
     arm: str
+    other: str = ""
+    """of a sync: the arm of its second trajectory; `arm` is its first one's"""
     first: str = ""
     """waypoint to go to first; empty: the first of that way, or the next one from where the hand stands"""
     steps: int = 0
@@ -55,18 +59,32 @@ class Expanded:
     text: str
 
 
+@dataclass(frozen=True)
+class _Way:
+    """To one waypoint, or to one point of a sync."""
+
+    title: str
+    planned: bool
+
+
 def expand(robot: RobotDescription, instance: Instance, wish: Wish) -> Expanded:
-    """Refused where the trajectory, the arm or waypoints are not there, or nothing is left to go to."""
-    known = instance.resolve().trajectories
-    found = known.get(wish.trajectory)
-    if found is None:
+    """Refused where the trajectory, the arms or waypoints are not there, or nothing is left to go to."""
+    resolved = instance.resolve()
+    known = (*resolved.trajectories, *resolved.syncs)
+    if wish.trajectory not in known:
         raise refuse("no such trajectory", "trajectory", wish.trajectory, f"one of: {', '.join(known) or 'none'}")
-    if wish.arm not in robot.arms:
-        raise refuse("no such arm", "arm", wish.arm or "none", f"one of: {', '.join(robot.arms) or 'none'}")
+    for field, arm in (("arm", wish.arm), *([("other", wish.other)] if wish.other else [])):
+        if arm not in robot.arms:
+            raise refuse("no such arm", field, arm or "none", f"one of: {', '.join(robot.arms) or 'none'}")
+    together = wish.trajectory in resolved.syncs
+    if together != bool(wish.other):
+        words = f"{wish.trajectory} is for {'two hands' if together else 'one hand'}"
+        raise refuse(words, "other", wish.other or "none", "another arm" if together else "none")
     if not 1 <= wish.rounds <= MOST:
         raise refuse("it would never begin, or never end", "loop", wish.rounds, f"1 to {MOST}")
     name = re.sub(r"\W+", "_", f"{instance.template.name}_{wish.trajectory}").strip("_").lower()
-    if found.entry is not None:
+    found = resolved.trajectories.get(wish.trajectory)
+    if found is not None and found.entry is not None:
         if wish.first or wish.steps or wish.back:
             field = "first" if wish.first else "steps" if wish.steps else "backwards"
             raise refuse(
@@ -76,29 +94,30 @@ def expand(robot: RobotDescription, instance: Instance, wish: Wish) -> Expanded:
                 "none",
             )
         return Expanded(name, _stroke(instance, wish))
-    names = [each.name for each in found.waypoints]
-    leaving, part = _part(names, wish)
+    leaving, part = _part([each.name for each in meetings(instance, wish.trajectory)], wish)
     if wish.rounds > 1 and (wish.steps or wish.back):
         field, value = ("steps", wish.steps) if wish.steps else ("backwards", wish.back)
         raise refuse("a loop goes forwards, and all the way", field, value, "none beside loop")
-    for before in [leaving, *part[:-1]] if wish.back else ():
-        pushed = found.waypoints[names.index(before)] if before else None
-        if pushed is not None and pushed.approach == "along" and pushed.force is not None:
-            raise refuse(
-                f"{before} pushes {pushed.joint}, which does not come back with the hand",
-                "backwards",
-                True,
-                f"steps that end at {before}, or forwards",
-            )
-    legs = _legs(robot, instance, wish, part, leaving)
-    if not robot.arms[wish.arm].hand_poses and len({each.waypoint.hand_pose for each in legs} - {""}) > 1:
-        raise refuse(
-            f"the {wish.arm} arm of {robot.name} has no hand that could open and close",
-            "arm",
-            wish.arm,
-            "an arm with a hand",
-        )
-    return Expanded(name + ("_back" if wish.back else ""), _waypoints(instance, wish, legs, part, leaving))
+    if wish.back:
+        _refuse_pushed(instance, wish, leaving or part[0], part[-1])
+    ways = _ways(robot, instance, wish, part, leaving)
+    return Expanded(name + ("_back" if wish.back else ""), _waypoints(instance, wish, ways, part, leaving))
+
+
+def _refuse_pushed(instance: Instance, wish: Wish, begin: str, end: str) -> None:
+    """Where a way back from one waypoint to another comes over a push."""
+    reached = {each.name: each.reached for each in meetings(instance, wish.trajectory)}
+    for trajectory, number in reached[begin].items():
+        for waypoint in (
+            instance.resolve().trajectories[trajectory].waypoints[reached[end][trajectory] + 1 : number + 1]
+        ):
+            if waypoint.approach == "along" and waypoint.force is not None:
+                raise refuse(
+                    f"{waypoint.name} pushes {waypoint.joint}, which does not come back with the hand",
+                    "backwards",
+                    True,
+                    f"steps that end at {waypoint.name}, or forwards",
+                )
 
 
 def _part(names: Sequence[str], wish: Wish) -> tuple[str, list[str]]:
@@ -123,17 +142,31 @@ def _part(names: Sequence[str], wish: Wish) -> tuple[str, list[str]]:
     return leaving if wish.back else "", part
 
 
-def _legs(
+def _ways(
     robot: RobotDescription, instance: Instance, wish: Wish, part: Sequence[str], leaving: str
-) -> tuple[BoundWaypoint, ...]:
-    """The waypoints of the part, in order, as they will be gone to."""
+) -> tuple[_Way, ...]:
+    """To the waypoints of the part, in order, as they will be gone to."""
     first, last = (part[-1], part[0]) if wish.back else (part[0], part[-1])
+    where = {"first": first, "last": last, "leaving": leaving}
     try:
-        return chosen(
-            robot, instance, wish.trajectory, wish.arm, first=first, last=last, back=wish.back, leaving=leaving
-        )
+        if not wish.other:
+            found = chosen(robot, instance, wish.trajectory, wish.arm, back=wish.back, **where)
+            _check_hand(robot, wish.arm, found)
+            return tuple(_Way(_title(each), way_to(each, instance) is not None) for each in found)
+        arms = hands(instance, wish.trajectory, (wish.arm, wish.other), robot)
+        steps = legs(robot, instance, wish.trajectory, arms, back=wish.back, **where)
     except ActivityFailed as failed:
         raise refuse(str(failed)) from failed
+    for trajectory, arm in arms.items():
+        _check_hand(robot, arm, [each for step in steps for each in step.ways[trajectory]])
+    return tuple(_Way(f"Both hands to {step.name}", way_together(step, instance) is not None) for step in steps)
+
+
+def _check_hand(robot: RobotDescription, arm: str, waypoints: Sequence[BoundWaypoint]) -> None:
+    if not robot.arms[arm].hand_poses and len({each.waypoint.hand_pose for each in waypoints} - {""}) > 1:
+        raise refuse(
+            f"the {arm} arm of {robot.name} has no hand that could open and close", "arm", arm, "an arm with a hand"
+        )
 
 
 # ------------------------------------------------------------------------------------------------------------- the file
@@ -163,19 +196,19 @@ class _Step:
         return {} if self.plan else _ASK
 
 
-def _waypoints(instance: Instance, wish: Wish, legs: Sequence[BoundWaypoint], part: Sequence[str], leaving: str) -> str:
+def _waypoints(instance: Instance, wish: Wish, ways: Sequence[_Way], part: Sequence[str], leaving: str) -> str:
     back = " backwards" if wish.back else ""
     taken, steps = {"begin", "done", "failed"}, list[_Step]()
-    for before, name, leg in zip([leaving, *part], part, legs, strict=False):
+    for before, name, to in zip([leaving, *part], part, ways, strict=False):
         way = {"way": "backwards"} | ({"leaving": before} if before else {}) if wish.back else {}
-        plan = _free(f"plan_{name}", taken) if way_to(leg, instance) else ""
-        steps.append(_Step(name, plan, _free(f"to_{name}", taken), _title(name, leg), way))
+        plan = _free(f"plan_{name}", taken) if to.planned else ""
+        steps.append(_Step(name, plan, _free(f"to_{name}", taken), to.title, way))
     first = steps[0]
-    what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM}
-    lines = _head(f"{instance.template.title}: {wish.trajectory}{back}", instance, [AT, "plan", "why"], wish.rounds)
+    what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM} | ({"other": OTHER} if wish.other else {})
+    lines = _head(f"{instance.template.title}: {wish.trajectory}{back}", instance, wish, [AT, "plan", "why"])
     if not first.plan:
-        ways = [{"after": 0.1, "target": first.move, **first.asked}]
-        lines += _state("begin", f"Before {first.name}", "", {}, ways, initial=True)
+        goes = [{"after": 0.1, "target": first.move, **first.asked}]
+        lines += _state("begin", f"Before {first.name}", "", {}, goes, initial=True)
     for step, following in zip(steps, [*steps[1:], None], strict=True):
         if step.plan:
             planned = {"event": f"done.invoke.{step.plan}", "target": step.move, "set": {"plan": "_event.data.plan"}}
@@ -185,25 +218,25 @@ def _waypoints(instance: Instance, wish: Wish, legs: Sequence[BoundWaypoint], pa
             )  # fmt: skip
         done, at = {"event": f"done.invoke.{step.move}"}, {AT: f"'{step.name}'"}
         if following is not None:
-            ways = [{**done, "target": following.entry, "set": at, **following.asked}]
+            goes = [{**done, "target": following.entry, "set": at, **following.asked}]
         else:
-            ways = [{**done, "target": "done", "set": at}]
+            goes = [{**done, "target": "done", "set": at}]
             again = {
                 "cond": "round < rounds",
                 "target": first.entry,
                 "set": {**at, "round": "round + 1"},
                 **first.asked,
             }
-            ways[:0] = [{**done, **again}] if wish.rounds > 1 else []
+            goes[:0] = [{**done, **again}] if wish.rounds > 1 else []
         if step.plan:
-            ways.append({"event": "error.execution", "cond": _STALE, "target": step.plan})
+            goes.append({"event": "error.execution", "cond": _STALE, "target": step.plan})
         where = {**what, "first": step.name, "last": step.name, **step.where, **({"plan": "plan"} if step.plan else {})}
-        lines += _state(step.move, step.title, "trajectory", where, [*ways, _FAILED])
+        lines += _state(step.move, step.title, "trajectory", where, [*goes, _FAILED])
     return "\n".join([*lines, *_tail(f"{wish.trajectory} of {{{WHAT}}}{back}: the hand is at {{{AT}}}")])
 
 
-def _title(name: str, leg: BoundWaypoint) -> str:
-    asked = leg.waypoint
+def _title(leg: BoundWaypoint) -> str:
+    asked, name = leg.waypoint, leg.waypoint.name
     how = {"free": "Go to", "along": f"Move {asked.joint} to"}.get(asked.approach, "Go straight to")
     until = f" until {asked.until:g} N are felt" if asked.until is not None else ""
     shape = f" (hand {asked.hand_pose})" if leg.fingers else ""
@@ -212,7 +245,7 @@ def _title(name: str, leg: BoundWaypoint) -> str:
 
 def _stroke(instance: Instance, wish: Wish) -> str:
     done, at_end = {"event": "done.invoke.moving"}, "_event.data.outcome == 'done'"
-    lines = _head(f"{instance.template.title}: {wish.trajectory}", instance, ["plan", "why"], wish.rounds)
+    lines = _head(f"{instance.template.title}: {wish.trajectory}", instance, wish, ["plan", "why"])
     planned = {"event": "done.invoke.planning", "target": "moving", "set": {"plan": "_event.data.plan"}, **_ASK}
     what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM}
     lines += _state("planning", "Plan the stroke", "plan", what, [planned, _FAILED], initial=True)
@@ -228,14 +261,14 @@ def _stroke(instance: Instance, wish: Wish) -> str:
     return "\n".join([*lines, *_tail(f"{wish.trajectory} of {{{WHAT}}}: done")])
 
 
-def _head(title: str, instance: Instance, variables: Sequence[str], rounds: int) -> list[str]:
+def _head(title: str, instance: Instance, wish: Wish, variables: Sequence[str]) -> list[str]:
     values: dict[str, Any] = dict.fromkeys(variables, "")
     parameters = []
-    if rounds > 1:
+    if wish.rounds > 1:
         values["round"] = 1
         parameters = [
             "parameters:",
-            f"  rounds: {_flow({'default': rounds, 'type': 'integer', 'min': 1, 'max': MOST})}",
+            f"  rounds: {_flow({'default': wish.rounds, 'type': 'integer', 'min': 1, 'max': MOST})}",
         ]
     return [
         f"# Made from a trajectory of the template {instance.template.name}: yours to keep and to change.",
@@ -243,6 +276,7 @@ def _head(title: str, instance: Instance, variables: Sequence[str], rounds: int)
         "",
         "resources:",
         f"  {ARM}: {{kind: arm}}",
+        *([f"  {OTHER}: {{kind: arm}}"] if wish.other else []),
         f"  {WHAT}: {_flow({'kind': 'instance', 'template': instance.template.name})}",
         *parameters,
         f"variables: {_flow(values)}",

@@ -18,6 +18,9 @@ class ExpandTemplate(Message):
     trajectory: Name
     arm: str = ""
     """empty: the robot's only one"""
+    other: str = ""
+    """of a sync, in place of a trajectory: the arm of its second hand, `arm` being its first one's; empty: the arms that its hands
+    are named as, or of a robot with two arms the other one"""
     first: str = ""
     """waypoint to go to first; empty: the first of that way or, where there are `steps` or it goes backwards, the next one from
     where the last such run left the hand"""
@@ -36,6 +39,7 @@ class RunTemplate(Message):
     instance: Name
     trajectory: Name
     arm: str = ""
+    other: str = ""
     first: str = ""
     steps: Annotated[int, Meta(ge=0)] = 0
     backwards: bool = False

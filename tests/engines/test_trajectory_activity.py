@@ -18,6 +18,7 @@ ALL = {
     "leaving": "",
     "plan": None,
     "still": "",
+    "other": "",
     "instance": "it",
     "trajectory": "grasp",
     "arm": "right",

@@ -133,3 +133,26 @@ def test_one_hand_holds_a_drill_while_the_other_one_squeezes_its_trigger(start_s
     now = truth.now()
     assert abs(now.hinges["drill.trigger"]) < 0.001, "its spring has it back"
     assert now.peak_contact_force["drill"] < 60.0
+
+
+def test_two_hands_lift_a_box_between_them_level_and_put_it_down_again(start_stack) -> None:
+    stack: Stack = start_stack(scene="carry", robot="talos_upper_grippers")
+    stack.wait_up()
+    robot = stack.connect()
+    robot.enable(60.0)
+    truth = stack.truth()
+    before = truth.now().poses_in_world["box"].position
+    robot.place_instance(
+        "box", "box", Pose(position=before), {"depth": 0.20, "width": 0.30, "height": 0.20, "lift": 0.08}
+    )
+    with robot.events(RunState, timeout_s=30.0) as runs:
+        lifted = followed(runs, robot.run_template("box", "carry"))
+        assert (lifted.status, lifted.data["at"]) == ("succeeded", "lift"), lifted.detail
+        up = truth.now().poses_in_world["box"]
+        assert up.position[2] > before[2] + 0.06, up
+        assert abs(up.orientation[3]) > math.cos(math.radians(8.0) / 2), f"not level: {up}"
+        put = followed(runs, robot.run_template("box", "carry", backwards=True))
+        assert (put.status, put.data["at"]) == ("succeeded", "before"), put.detail
+    down = truth.now().poses_in_world["box"]
+    assert np.linalg.norm(np.subtract(down.position, before)) < 0.02, down
+    assert abs(down.orientation[3]) > math.cos(math.radians(5.0) / 2), f"it has turned: {down}"

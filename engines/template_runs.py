@@ -8,15 +8,18 @@ import numpy as np
 
 from affordance_templates.binding import bind
 from affordance_templates.instance import Instance
-from engines.activities.base import Services
+from affordance_templates.placement import Array
+from engines.activities.base import ActivityFailed, Services
+from engines.activities.execute import left_to
 from engines.activities.meetings import meetings
 from engines.activities.waypoints import rewound
+from engines.plans.freshness import START_TOLERANCE
 from engines.programs import deployment
 from engines.programs import program as programs
 from engines.programs.deployment import Deployed
 from engines.programs.from_template import ARM, AT, OTHER, WHAT, Expanded, Wish, expand
 from handrail import messages as m
-from handrail.topics import refuse
+from handrail.topics import RefusedError, refuse
 
 _THERE = 0.05
 """m that a hand is from a waypoint at most and still counts as there: guarded ways go on until something is felt"""
@@ -36,6 +39,8 @@ class TemplateRuns:
         """by deployment"""
         self._stands: dict[_Key, str] = {}
         """the waypoint that a run reached last"""
+        self._plans: dict[_Key, str] = {}
+        """id of the plan of a stroke that has led there"""
 
     def program(self, call: m.ExpandTemplate) -> m.TemplateProgram:
         """Refused where there is no such instance, trajectory, arm or waypoint, or nothing left to go to."""
@@ -60,7 +65,7 @@ class TemplateRuns:
         """A run has changed."""
         key = self._runs.get(deployed.id)
         if key is not None and (at := state.data.get(AT)):
-            self._stands[key] = str(at)
+            self._stands[key], self._plans[key] = str(at), str(state.data.get("plan") or "")
 
     def _expanded(self, call: m.ExpandTemplate | m.RunTemplate) -> tuple[Expanded, tuple[str, str]]:
         """And the arms, the other one empty where one hand does it."""
@@ -75,6 +80,7 @@ class TemplateRuns:
             back=call.backwards,
             rounds=call.loop,
             stands=self._standing(instance, call.trajectory, arms),
+            plan=self._plans.get((instance.name, call.trajectory, *arms), ""),
         )
         return expand(self._services.description, instance, wish), arms
 
@@ -102,6 +108,8 @@ class TemplateRuns:
         there = next((each.reached for each in meetings(instance, trajectory) if each.name == at), None)
         if there is None:
             return ""
+        if trajectory in resolved.trajectories and resolved.trajectories[trajectory].entry is not None:
+            return at if self._on_its_way(self._plans[(instance.name, trajectory, *arms)], at, command) else ""
         for (name, number), arm in zip(there.items(), arms, strict=False):
             found = resolved.trajectories[name]
             if number < 0:
@@ -111,6 +119,19 @@ class TemplateRuns:
             if float(np.linalg.norm(off)) >= _THERE:
                 return ""
         return at
+
+    def _on_its_way(self, id: str, at: str, command: Array) -> bool:
+        """Whether a stroke can go on on its plan from a waypoint that it has come to: it is fresh, and nothing was moved."""
+        try:
+            record = self._services.plans.get(id)
+            left_to(record, at)
+        except (RefusedError, ActivityFailed):
+            return False
+        if record.reached < 0 or record.executing or self._services.plans.causes(record, start=False):
+            return False
+        there = record.plan.segments[record.reached].positions[-1]
+        rows = self._services.description.index(record.plan.joints)
+        return bool(np.abs(command[rows] - there).max() <= START_TOLERANCE)
 
 
 def _bindings(call: m.ExpandTemplate | m.RunTemplate, arms: tuple[str, str]) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,30 @@ def waypoint_of(record: PlanRecord, segment: str) -> ResolvedWaypoint | None:
     if record.trajectory is None:
         return None
     return next((waypoint for waypoint in record.trajectory.waypoints if waypoint.name == segment), None)
+
+
+def left_to(record: PlanRecord, waypoint: str) -> list[str]:
+    """The segments of a stroke that are left until the tool is at a waypoint, the planner's own among them; none: it is there, or
+    the stroke began further on.
+
+    :raises ActivityFailed: `refused` for a plan that is none of a stroke, a waypoint that is not there, and after a segment that
+        was not gone to its end
+    """
+    id = record.plan.id
+    if record.trajectory is None:
+        raise ActivityFailed("refused", f"to: plan {id} ({record.plan.label}) is no stroke, and has no waypoints")
+    order = [each.name for each in record.trajectory.waypoints]
+    if waypoint not in order:
+        raise ActivityFailed("refused", f"to: got {waypoint!r}; expected one of {', '.join(order)}")
+    names = [segment.name for segment in record.plan.segments]
+    if record.reached >= 0 and (record.ended is None or record.ended.outcome != "done"):
+        stopped = names[record.reached]
+        raise ActivityFailed(
+            "refused", f"plan {id} was stopped in {stopped}, and does not go on from its middle; plan anew"
+        )
+    wanted = order[: order.index(waypoint) + 1]
+    end = max((number + 1 for number, name in enumerate(names) if name in wanted), default=0)
+    return names[record.reached + 1 : end]
 
 
 def check(services: Services, record: PlanRecord, segments: Sequence[str]) -> None:
@@ -142,20 +166,33 @@ def fresh(services: Services, motion: Motion, record: PlanRecord, segments: Sequ
 
 
 class ExecuteActivity(Activity):
-    """Runs a plan. Done with `outcome` `done`, or the name of the guard that ended it in `segment`."""
+    """Runs a plan. Done with `outcome` `done`, or the name of the guard that ended it in `segment`.
+
+    A stroke can be gone in parts: as far as the waypoint `to`, from where it was gone to before.
+    """
 
     arguments = {
         "plan": Argument(Kind.VALUE),
         "segments": Argument(Kind.NAMES, required=False, default=()),
+        "to": Argument(Kind.TEXT, required=False, default=""),
     }
     outputs = frozenset({"outcome", "segment", "turned", "turned_deg"})
+
+    @classmethod
+    def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
+        """See Activity."""
+        return ("to", "beside segments; expected one of both") if "to" in given and "segments" in given else ("", "")
 
     def run(self) -> dict[str, Any]:
         try:
             record = self.services.plans.get(str(self.values["plan"]))
         except RefusedError as refused:
             raise ActivityFailed("refused", str(refused)) from refused
-        return execute(self.services, self.context.motion, record, self.values["segments"], self.cancelled)
+        segments, to = self.values["segments"], self.values["to"]
+        if to and not (segments := left_to(record, to)):
+            check(self.services, record, [record.plan.segments[max(record.reached, 0)].name])
+            return {"outcome": "done", "segment": to, "turned": 0.0, "turned_deg": 0.0}
+        return execute(self.services, self.context.motion, record, segments, self.cancelled)
 
     def preconditions(self) -> Iterator[Precondition]:
         """See Activity."""
@@ -164,7 +201,14 @@ class ExecuteActivity(Activity):
         except RefusedError as refused:
             yield Precondition("there is the plan to execute", False, str(refused))
             return
-        yield from fresh(self.services, self.context.motion, record, self.values["segments"])
+        segments = self.values["segments"]
+        if self.values["to"] and not record.executing:
+            try:
+                segments = left_to(record, self.values["to"])
+            except ActivityFailed as failed:
+                yield Precondition("the plan goes on from where it was gone to", False, str(failed))
+                return
+        yield from fresh(self.services, self.context.motion, record, segments)
         yield from super().preconditions()
 
     def cancel(self) -> None:

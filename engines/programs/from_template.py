@@ -2,7 +2,8 @@
 
 A way that is planned is planned and shown in one state, gone in the next: at the autonomy levels `off`, `low` and `high` the
 operator is asked in between, with the plan's ghost before him, and before each motion that nobody plans (on a line, until something
-is felt, pressing). A plan that has gone stale meanwhile is made anew. A stroke is planned and executed as a whole.
+is felt, pressing). A plan that has gone stale meanwhile is made anew. A stroke is planned as a whole and executed from waypoint to
+waypoint.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from affordance_templates.binding import BoundWaypoint
 from affordance_templates.instance import Instance
+from affordance_templates.template import ResolvedTrajectory, ResolvedWaypoint
 from engines.activities.base import ActivityFailed
 from engines.activities.meetings import hands, legs, meetings, way_together
 from engines.activities.waypoints import chosen, way_to
@@ -49,6 +51,8 @@ class Wish:
     rounds: int = 1
     stands: str = ""
     """waypoint at which the hand is; empty: at none"""
+    plan: str = ""
+    """id of the plan of the stroke that has led it there"""
 
 
 @dataclass(frozen=True)
@@ -84,20 +88,18 @@ def expand(robot: RobotDescription, instance: Instance, wish: Wish) -> Expanded:
         raise refuse("it would never begin, or never end", "loop", wish.rounds, f"1 to {MOST}")
     name = re.sub(r"\W+", "_", f"{instance.template.name}_{wish.trajectory}").strip("_").lower()
     found = resolved.trajectories.get(wish.trajectory)
-    if found is not None and found.entry is not None:
-        if wish.first or wish.steps or wish.back:
-            field = "first" if wish.first else "steps" if wish.steps else "backwards"
-            raise refuse(
-                f"{wish.trajectory} is a stroke, planned as a whole",
-                field,
-                wish.first or wish.steps or wish.back,
-                "none",
-            )
-        return Expanded(name, _stroke(instance, wish))
+    stroke = found if found is not None and found.entry is not None else None
+    if stroke is not None and wish.back:
+        words = f"{wish.trajectory} is a stroke, and what it has turned does not come back with the tool"
+        raise refuse(words, "backwards", True, "forwards")
+    if stroke is not None and wish.stands == stroke.waypoints[-1].name:
+        wish = replace(wish, stands="")  # the next stroke
     leaving, part = _part([each.name for each in meetings(instance, wish.trajectory)], wish)
     if wish.rounds > 1 and (wish.steps or wish.back):
         field, value = ("steps", wish.steps) if wish.steps else ("backwards", wish.back)
         raise refuse("a loop goes forwards, and all the way", field, value, "none beside loop")
+    if stroke is not None:
+        return Expanded(name, _stroke(instance, wish, stroke, part))
     if wish.back:
         _refuse_pushed(instance, wish, leaving or part[0], part[-1])
     ways = _ways(robot, instance, wish, part, leaving)
@@ -236,33 +238,61 @@ def _waypoints(instance: Instance, wish: Wish, ways: Sequence[_Way], part: Seque
 
 
 def _title(leg: BoundWaypoint) -> str:
-    asked, name = leg.waypoint, leg.waypoint.name
-    how = {"free": "Go to", "along": f"Move {asked.joint} to"}.get(asked.approach, "Go straight to")
-    until = f" until {asked.until:g} N are felt" if asked.until is not None else ""
-    shape = f" (hand {asked.hand_pose})" if leg.fingers else ""
-    return f"{how} {name}{until}{shape}"
+    return _words(leg.waypoint) + (f" (hand {leg.waypoint.hand_pose})" if leg.fingers else "")
 
 
-def _stroke(instance: Instance, wish: Wish) -> str:
-    done, at_end = {"event": "done.invoke.moving"}, "_event.data.outcome == 'done'"
-    lines = _head(f"{instance.template.title}: {wish.trajectory}", instance, wish, ["plan", "why"])
-    planned = {"event": "done.invoke.planning", "target": "moving", "set": {"plan": "_event.data.plan"}, **_ASK}
-    what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM}
-    lines += _state("planning", "Plan the stroke", "plan", what, [planned, _FAILED], initial=True)
-    again = {"cond": f"round < rounds and {at_end}", "target": "planning", "set": {"round": "round + 1"}}
-    ways: list[dict[str, Any]] = [
-        *([{**done, **again}] if wish.rounds > 1 else []),
-        {**done, "cond": at_end, "target": "done"},
-        {**done, "target": "failed", "set": {"why": "_event.data.segment + ' was ended by ' + _event.data.outcome"}},
-        {"event": "error.execution", "cond": _STALE, "target": "planning"},
-        _FAILED,
-    ]
-    lines += _state("moving", "Execute the plan", "execute", {"plan": "plan"}, ways)
-    return "\n".join([*lines, *_tail(f"{wish.trajectory} of {{{WHAT}}}: done")])
+def _words(waypoint: ResolvedWaypoint) -> str:
+    how = {"free": "Go to", "along": f"Move {waypoint.joint} to"}.get(waypoint.approach, "Go straight to")
+    until = f" until {waypoint.until:g} N are felt" if waypoint.until is not None else ""
+    return f"{how} {waypoint.name}{until}"
 
 
-def _head(title: str, instance: Instance, wish: Wish, variables: Sequence[str]) -> list[str]:
-    values: dict[str, Any] = dict.fromkeys(variables, "")
+def _stroke(instance: Instance, wish: Wish, stroke: ResolvedTrajectory, part: Sequence[str]) -> str:
+    """From its first waypoint on it is planned; else it goes on on the plan that has led the tool to where it is."""
+    names = [each.name for each in stroke.waypoints]
+    number = names.index(part[0])
+    if number and not (wish.plan and wish.stands == names[number - 1]):
+        raise refuse(
+            f"{wish.trajectory} is a stroke, planned from its begin on: the tool is not at {names[number - 1]} on such a plan",
+            "first",
+            part[0],
+            " or ".join([names[0], *([names[names.index(wish.stands) + 1]] if wish.stands in names[:-1] else [])]),
+        )
+    moves = {name: f"to_{name}" for name in part}
+    plan = wish.plan if number else ""
+    lines = _head(f"{instance.template.title}: {wish.trajectory}", instance, wish, [AT, "plan", "why"], plan=plan)
+    if number:
+        goes = [{"after": 0.1, "target": moves[part[0]], **_ASK}]
+        lines += _state("begin", f"Before {part[0]}", "", {}, goes, initial=True)
+    else:
+        planned = {
+            "event": "done.invoke.planning",
+            "target": moves[part[0]],
+            "set": {"plan": "_event.data.plan"},
+            **_ASK,
+        }
+        what = {"instance": WHAT, "trajectory": wish.trajectory, "arm": ARM}
+        lines += _state("planning", "Plan the stroke", "plan", what, [planned, _FAILED], initial=True)
+    at_end = "_event.data.outcome == 'done'"
+    for name, following in zip(part, [*part[1:], ""], strict=True):
+        done, at = {"event": f"done.invoke.{moves[name]}"}, {AT: f"'{name}'"}
+        ways: list[dict[str, Any]] = [{**done, "cond": at_end, "target": "done", "set": at}]
+        if following:
+            ways = [{**done, "cond": at_end, "target": moves[following], "set": at, **_ASK}]
+        elif wish.rounds > 1:
+            again = {"cond": f"round < rounds and {at_end}", "target": "planning", "set": {**at, "round": "round + 1"}}
+            ways[:0] = [{**done, **again}]
+        why = "_event.data.segment + ' was ended by ' + _event.data.outcome"
+        ways.append({**done, "target": "failed", "set": {"why": why}})
+        if not number:
+            ways.append({"event": "error.execution", "cond": _STALE, "target": "planning"})
+        title = _words(stroke.waypoints[names.index(name)])
+        lines += _state(moves[name], title, "execute", {"plan": "plan", "to": name}, [*ways, _FAILED])
+    return "\n".join([*lines, *_tail(f"{wish.trajectory} of {{{WHAT}}}: the tool is at {{{AT}}}")])
+
+
+def _head(title: str, instance: Instance, wish: Wish, variables: Sequence[str], *, plan: str = "") -> list[str]:
+    values: dict[str, Any] = {**dict.fromkeys(variables, ""), "plan": plan}
     parameters = []
     if wish.rounds > 1:
         values["round"] = 1

@@ -174,11 +174,40 @@ def test_a_rigid_tool_that_would_have_to_close_is_refused_before_anything_moves(
         expand(robots.load("talos_upper"), placed("box"), Wish("grasp", "right"))
 
 
-def test_a_stroke_goes_as_a_whole_and_in_rounds_only(robot, read):
-    program = read(expand(robot, placed("wheel"), Wish("turn", "right", rounds=2)))
-    assert [state.file.do for state in program.states()] == ["plan", "execute", "", ""]
-    with pytest.raises(RefusedError, match="turn is a stroke, planned as a whole; field backwards"):
-        expand(robot, placed("wheel"), Wish("turn", "right", back=True))
+STROKE = ["approach", "standoff", "engage", "turn", "release", "withdraw"]
+
+
+@pytest.mark.parametrize(
+    ("wish", "gone"),
+    [
+        ({}, STROKE),
+        ({"rounds": 2}, STROKE),
+        ({"steps": 3}, STROKE[:3]),
+        ({"first": "approach", "steps": 1, "stands": "engage", "plan": "plan-1"}, STROKE[:1]),
+        ({"steps": 1, "stands": "engage", "plan": "plan-1"}, ["turn"]),
+        ({"first": "turn", "stands": "engage", "plan": "plan-1"}, STROKE[3:]),
+    ],
+)
+def test_a_stroke_is_planned_as_a_whole_and_gone_from_waypoint_to_waypoint(robot, read, wish, gone):
+    program = read(expand(robot, placed("wheel"), Wish("turn", "right", **wish)))
+    does = [(state.file.do, state.file.with_.get("to")) for state in program.states() if state.file.do]
+    planned = [("plan", None)] if gone[0] == "approach" else []
+    assert does == planned + [("execute", name) for name in gone]
+    assert program.variables["plan"] == ("" if planned else "plan-1")
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        ({"back": True}, "turn is a stroke, and what it has turned does not come back with the tool; field backwards"),
+        ({"first": "turn"}, "the tool is not at engage on such a plan; field first, value turn, expected approach"),
+        ({"first": "turn", "stands": "standoff", "plan": "p"}, "value turn, expected approach or engage"),
+        ({"rounds": 2, "steps": 1}, "field steps, value 1, expected none beside loop"),
+    ],
+)
+def test_a_stroke_is_not_begun_in_its_middle_nor_gone_back(robot, wish, words):
+    with pytest.raises(RefusedError, match=words):
+        expand(robot, placed("wheel"), Wish("turn", "right", **wish))
 
 
 def test_a_way_back_over_a_push_is_refused_since_what_was_pushed_stays_where_it_is(robot, read):

@@ -121,6 +121,10 @@ class CodeDesk(QObject):
             return "no_robot"
         return self._code.why_not_save() if self._situation.link.engine else "no_engine"
 
+    def refresh(self) -> None:
+        """A document was changed by something else than typing."""
+        self._settle()
+
     def _now(self) -> None:
         self._settle()
         self._soon()
@@ -203,7 +207,7 @@ class CodeDesk(QObject):
 
     def build(self) -> None:
         """Look at the model anew."""
-        if not self._code.watched and self._view:
+        if not (self._code.watched or self._situation.canvas.watched) and self._view:
             return
         self._put_texts()
         self._entries.show([*map(self._node, self._code.nodes), *self._programs(), *self._unsaved()])

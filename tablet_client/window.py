@@ -18,6 +18,7 @@ from PySide6.QtQuickControls2 import QQuickStyle
 
 from handrail.robot.description import RobotDescription
 from tablet_client.camera_desk import CameraPicture
+from tablet_client.canvas_desk import Lines
 from tablet_client.collecting import Collector
 from tablet_client.desk import FRAME, FRAME_IN_SOFTWARE, Desk
 from tablet_client.models.situation import Situation
@@ -117,6 +118,7 @@ def _register() -> None:
         register(QUrl.fromLocalFile(str(_QML / f"{name}.qml")), "Handrail", 1, 0, name)
     register = qmlRegisterType
     register(Trace, "Handrail", 1, 0, "Trace")
+    register(Lines, "Handrail", 1, 0, "CanvasLines")
     register(CameraPicture, "Handrail", 1, 0, "CameraPicture")
 
 

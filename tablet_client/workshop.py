@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from PySide6.QtCore import Property, QObject
 
 from handrail.messages import GetNodes, Message
+from tablet_client.canvas_desk import CanvasDesk
 from tablet_client.code_desk import CodeDesk
 from tablet_client.models.situation import Situation
 from tablet_client.output_desk import OutputDesk
@@ -25,6 +26,7 @@ class Workshop(QObject):
         self._situation = situation
         self._output = OutputDesk(situation, soon)
         self._code = CodeDesk(situation, send, soon)
+        self._canvas = CanvasDesk(situation, self._code, soon)
         self._nodes_asked = float("-inf")
 
     def serve(self, session: Session) -> None:
@@ -39,6 +41,10 @@ class Workshop(QObject):
     def code(self) -> CodeDesk:
         return self._code
 
+    @Property(QObject, constant=True)
+    def canvas(self) -> CanvasDesk:
+        return self._canvas
+
     def want(self, now: float) -> Iterator[Message]:
         """The calls that are due, at a time in s that only rises."""
         if (self._output.watched or self._situation.code.watched) and now - self._nodes_asked >= _NODES_S:
@@ -51,3 +57,4 @@ class Workshop(QObject):
         """Look at the models anew."""
         self._output.build()
         self._code.build()
+        self._canvas.build()

@@ -149,6 +149,11 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
             move = desk.situation.move
             move.target[:3, 3] += (0.05, 0.05, 0.08)
             move.count("all")
+        elif page == "canvas":
+            desk.workshop.code.open("program", "turn_valve")
+            camera.until(lambda: desk.workshop.canvas.view["there"], "the program's picture")
+            camera.turn(0.5)
+            desk.workshop.canvas.touch("stroking")
         elif page == "code":
             desk.workshop.code.open("node", "low_pass")
             camera.until(lambda: desk.workshop.code.documents.lines, "a node's code")

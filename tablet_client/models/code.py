@@ -181,6 +181,12 @@ class Code:
         if (document := self.documents.get(key)) is not None and document.loaded:
             document.text = text
 
+    def put(self, key: str, text: str) -> None:
+        """It was changed by something else than typing."""
+        document = self.documents[key]
+        document.text = text
+        document.revision += 1
+
     def revert(self) -> None:
         """Back to the engine's text."""
         if (document := self.document) is not None and document.was:

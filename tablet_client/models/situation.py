@@ -11,6 +11,7 @@ from handrail.engines import FIRST
 from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
+from tablet_client.models.canvas.canvas import Canvas
 from tablet_client.models.clouds import Clouds
 from tablet_client.models.code import Code
 from tablet_client.models.deployments import Deployments
@@ -63,6 +64,7 @@ class Situation:
         self.journal = Journal()
         self.output = Output()
         self.code = Code()
+        self.canvas = Canvas(self.code)
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
 

@@ -14,23 +14,6 @@ Panel {
     onVisibleChanged: code.watch(visible)
     Component.onCompleted: code.watch(visible)
 
-    component Field: TextField {
-        id: field
-        height: Theme.touch
-        implicitHeight: Theme.touch
-        color: Theme.text
-        placeholderTextColor: Theme.faint
-        font.pixelSize: Theme.body
-        selectByMouse: true
-        Accessible.role: Accessible.EditableText
-        Keys.onEscapePressed: desk.stop()
-        background: Rectangle {
-            radius: Theme.tight
-            color: Theme.ground
-            border { width: field.activeFocus ? 2 : 1; color: field.activeFocus ? Theme.accent : Theme.line }
-        }
-    }
-
     component Tool: ActionButton { opacity: enabled || why ? 1 : 0.45 }
 
     RowLayout {
@@ -123,7 +106,7 @@ Panel {
                     }
                 }
             }
-            Field {
+            EntryField {
                 id: fresh
                 objectName: "newNode"
                 Layout.fillWidth: true
@@ -227,7 +210,7 @@ Panel {
                 visible: panel.view.loaded && panel.finding
                 Layout.fillWidth: true
                 spacing: Theme.tight
-                Field {
+                EntryField {
                     id: search
                     objectName: "searchCode"
                     Layout.fillWidth: true
@@ -321,7 +304,7 @@ Panel {
                     }
                 }
             }
-            Field {
+            EntryField {
                 id: note
                 objectName: "noteCode"
                 visible: panel.view.loaded && panel.view.dirty && !panel.view.readOnly

@@ -10,6 +10,7 @@ QtObject {
         { group: qsTr("Operate"), name: "objects", title: qsTr("Objects"), file: "ObjectsPanel.qml" },
         { group: qsTr("Operate"), name: "robot", title: qsTr("Robot"), file: "RobotPanel.qml" },
         { group: qsTr("Program"), name: "library", title: qsTr("Library"), file: "LibraryPanel.qml" },
+        { group: qsTr("Program"), name: "canvas", title: qsTr("Canvas"), file: "CanvasPanel.qml", wide: true },
         { group: qsTr("Program"), name: "code", title: qsTr("Code"), file: "CodePanel.qml", wide: true },
         { group: qsTr("Teleoperate"), name: "move", title: qsTr("Move"), file: "MovePanel.qml" },
         { group: qsTr("See"), name: "signals", title: qsTr("Signals"), file: "SignalsPanel.qml" },

@@ -114,6 +114,27 @@ def same(one: Shown, other: Shown) -> bool:
     return told(one) == told(other)
 
 
+def edit_on_the_canvas(shown: Shown) -> None:
+    """A state's title, by mouse and keys, saved: the run goes on in that version."""
+    from PySide6.QtCore import Qt
+
+    before = shown.desk.situation.task.run
+    shown.press("tab_canvas")
+    shown.until(lambda: shown.there("canvas_program_turn_valve"))
+    shown.press("canvas_program_turn_valve")
+    shown.until(lambda: shown.there("state_counting") and shown.item("state_counting").width() > 20)
+    shown.press("state_counting")
+    shown.until(lambda: shown.desk.workshop.canvas.view["state"].get("name") == "counting")
+    shown.item("canvas_title").forceActiveFocus()
+    for key in (Qt.Key.Key_End, Qt.Key.Key_O, Qt.Key.Key_K, Qt.Key.Key_Return):
+        shown.key(key)
+    shown.press("canvasSave")
+    shown.until(lambda: shown.desk.situation.task.run.hash != before.hash)
+    assert shown.desk.situation.task.run.run == before.run
+    shown.until(lambda: "Far enough?ok" in [state.title for state in shown.desk.situation.task.tree.states])
+    shown.press("tab_task")
+
+
 @pytest.mark.timeout(500)
 def test_a_wheel_is_placed_dragged_onto_the_valve_that_is_seen_and_turned_though_the_link_was_lost_meanwhile(
     stack, line, tablet
@@ -154,6 +175,11 @@ def test_a_wheel_is_placed_dragged_onto_the_valve_that_is_seen_and_turned_though
     shown.until(lambda: shown.item("promptCard").isVisible())
     shown.press("option_approve")
     shown.until(lambda: turned() > 0.5)
+    with stack.connect() as robot:  # simulated time goes by faster than a mouse does
+        robot.set_speed(0.1)
+        edit_on_the_canvas(shown)
+        assert turned() < np.deg2rad(200), "all of that while the arm was on its way"
+        robot.set_speed(1.0)
     line.cut()
     shown.until(lambda: not shown.desk.situation.link.attached)
     cut_at = turned()

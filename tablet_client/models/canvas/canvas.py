@@ -1,0 +1,275 @@
+"""The program that is open, as a picture that is edited: what is selected, what is changed, and back again.
+
+Every edit changes the text of the document that the code page has open, too: they are one thing, saved as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+import yaml
+
+from handrail import yaml_file
+from handrail.program_edit import ProgramText
+from tablet_client.models.canvas import picture
+from tablet_client.models.canvas.chart import Chart, State, read
+from tablet_client.models.canvas.picture import Picture
+from tablet_client.models.code import Code, Document
+
+_UNDO = 200
+"""steps that are kept"""
+TEXTS = ("title", "do", "outcome", "detail", "event", "cond", "target", "autonomy")
+"""fields that are texts as they are typed"""
+
+
+class Canvas:
+    """What is drawn, and what one does with it. `said`: what was wrong with the last edit."""
+
+    def __init__(self, code: Code):
+        self._code = code
+        self.selected = ""
+        """a state"""
+        self.way = -1
+        """one of its transitions, from 0; -1: none"""
+        self.joining = False
+        """the next state that is touched is where a new way leads"""
+        self.said = ""
+        self.watched = False
+        """somebody looks"""
+        self._drawn: tuple[str, Chart | None, Picture | None, str] = ("", None, None, "")
+        self._done: dict[str, list[str]] = {}
+        self._undone: dict[str, list[str]] = {}
+
+    # ---------------------------------------------------------------------------------------------------------- shown
+
+    @property
+    def document(self) -> Document | None:
+        """The program that is open; None: none is, or it is not YAML."""
+        found = self._code.document
+        return found if found is not None and found.kind == "program" and found.loaded else None
+
+    @property
+    def chart(self) -> Chart | None:
+        """The program as it stands; of a text that can't be read the last one that could be."""
+        self._draw()
+        return self._drawn[1]
+
+    @property
+    def picture(self) -> Picture | None:
+        self._draw()
+        return self._drawn[2]
+
+    @property
+    def problem(self) -> str:
+        """Why the text as it stands can't be drawn."""
+        self._draw()
+        return self._drawn[3]
+
+    def _draw(self) -> None:
+        document = self.document
+        if document is None:
+            self._drawn = "", None, None, ""
+            return
+        seen = f"{document.key}\n{document.text}"
+        if seen == self._drawn[0]:
+            return
+        if not document.file.endswith((".yaml", ".yml")):
+            self._drawn = seen, None, None, f"{document.file}: expected a program in YAML; this one is edited as text"
+            return
+        try:
+            chart = read(document.text)
+            ProgramText(document.text)
+        except ValueError as problem:
+            same = self._drawn[0].startswith(f"{document.key}\n")
+            self._drawn = seen, *(self._drawn[1:3] if same else (None, None)), str(problem)
+            return
+        self._drawn = seen, chart, picture.of(chart), ""
+        if self.selected not in chart.states:
+            self.select("")
+        elif self.way >= len(chart.states[self.selected].ways):
+            self.way = -1
+
+    @property
+    def state(self) -> State | None:
+        chart = self.chart
+        return chart.states.get(self.selected) if chart is not None else None
+
+    def with_text(self) -> str:
+        """What the selected state's activity is given, a line each."""
+        given = self.state.fields.get("with") if self.state is not None else None
+        if not isinstance(given, Mapping) or not given:
+            return ""
+        plain = msgspec.to_builtins(given)
+        return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000).strip()
+
+    # ------------------------------------------------------------------------------------------------------- selected
+
+    def select(self, state: str, way: int = -1) -> None:
+        self.selected, self.way, self.joining, self.said = state, way, False, ""
+
+    def touch(self, state: str) -> None:
+        """A state was touched: it is selected, or the end of a new way."""
+        if self.joining and self.selected and state:
+            self.connect(self.selected, state)
+        else:
+            self.select(state)
+
+    def beside(self, step: int) -> None:
+        """Select the next state, or the one before, in the file's order."""
+        if (chart := self.chart) is not None and chart.states:
+            names = list(chart.states)
+            at = names.index(self.selected) + step if self.selected in names else 0
+            self.select(names[at % len(names)])
+
+    # --------------------------------------------------------------------------------------------------------- edited
+
+    def why_not_edit(self) -> str:
+        """Code of the reason why nothing can be changed here."""
+        if self.document is None:
+            return "loading"
+        return "unsound" if self.problem else ""
+
+    def add(self, *, within: bool = False) -> None:
+        """A new state after the selected one, or in it."""
+        chart = self.chart
+        if chart is None:
+            return
+        number = 1
+        while (name := f"state_{number}") in chart.states:
+            number += 1
+        state = self.state
+        if within and state is not None:
+            self._edit(lambda text: text.add_state(name, {"title": "New state"}, within=state.name))
+        else:
+            parent, after = (state.parent, state.name) if state is not None else ("", "")
+            self._edit(lambda text: text.add_state(name, {"title": "New state"}, within=parent, after=after))
+        if not self.said:
+            self.select(name)
+
+    def rename(self, to: str) -> None:
+        name = self.selected
+        if name and to != name and self._edit(lambda text: text.rename_state(name, to)):
+            self.select(to)
+
+    def remove(self) -> None:
+        """The selected way, else the selected state with all that is in it and leads there."""
+        name, way = self.selected, self.way
+        if way >= 0:
+            if self._edit(lambda text: text.disconnect(name, way)):
+                self.select(name)
+        elif name and self._edit(lambda text: text.remove_state(name)):
+            self.select("")
+
+    def nest(self, into: str) -> None:
+        """Put the selected state into a new one in its place."""
+        name = self.selected
+        if name and self._edit(lambda text: text.nest([name], into)):
+            self.select(into)
+
+    def move(self, within: str) -> None:
+        """Put the selected state into another one; empty: into the program itself."""
+        name = self.selected
+        if name:
+            self._edit(lambda text: text.move_state(name, within=within))
+
+    def connect(self, source: str, target: str) -> None:
+        """A new way, taken once the source's activity is done; where it has none, at once."""
+        chart, self.joining = self.chart, False
+        if chart is None or source not in chart.states:
+            return
+        event = {"event": f"done.invoke.{source}"} if chart.states[source].fields.get("do") else {}
+        place = len(chart.states[source].ways)
+        if self._edit(lambda text: text.connect(source, target, **event)):
+            self.select(source, place)
+
+    def put(self, field: str, typed: str) -> None:
+        """A field of the selected way, else of the selected state, as it was typed; empty: it has none."""
+        state, way = self.state, self.way
+        if state is None:
+            return
+        of_way = way >= 0 and field in ("event", "cond", "after", "target", "autonomy")
+        path: list[str | int] = ["transitions", way, field] if of_way else [field]
+        had = state.ways[way].fields if of_way else state.fields
+        try:
+            value = typed.strip() if field in TEXTS else self._read(field, typed)
+        except ValueError as problem:
+            self.said = f"{field}: {problem}"
+            return
+        if value in ("", None, {}):
+            if field in had:
+                self._edit(lambda text: text.remove_field(state.name, path))
+        elif had.get(field) != value:
+            self._edit(lambda text: text.set_field(state.name, path, value))
+
+    def mark(self, field: str, on: bool) -> None:
+        """Whether the selected state is initial, final or parallel. Only one of those beside it is initial."""
+        state, chart = self.state, self.chart
+        if state is None or chart is None:
+            return
+
+        def change(text: ProgramText) -> None:
+            if field == "initial":
+                for other in chart.within(state.parent):
+                    if chart.states[other].fields.get("initial"):
+                        text.remove_field(other, ["initial"])
+            if on:
+                text.set_field(state.name, [field], True)
+            elif state.fields.get(field) and field != "initial":
+                text.remove_field(state.name, [field])
+
+        self._edit(change)
+
+    @staticmethod
+    def _read(field: str, typed: str) -> Any:
+        try:
+            value = yaml_file.parse(typed) if typed.strip() else None
+        except yaml_file.NotYAML as problem:
+            raise ValueError(problem.problem) from problem
+        if field == "with" and value is not None and not isinstance(value, Mapping):
+            raise ValueError(f"got {typed!r}; expected lines of name: value")
+        return value
+
+    def _edit(self, change: Callable[[ProgramText], object]) -> bool:
+        """False: it was refused, and `said` says why."""
+        document = self.document
+        if document is None or self.why_not_edit():
+            return False
+        self.said = ""
+        try:
+            text = ProgramText(document.text)
+            change(text)
+        except ValueError as problem:
+            self.said = str(problem)
+            return False
+        if text.text != document.text:
+            steps = self._done.setdefault(document.key, [])
+            steps.append(document.text)
+            del steps[:-_UNDO]
+            self._undone[document.key] = []
+            self._code.put(document.key, text.text)
+        return True
+
+    # -------------------------------------------------------------------------------------------------- and back again
+
+    @property
+    def can_undo(self) -> bool:
+        return self.document is not None and bool(self._done.get(self.document.key))
+
+    @property
+    def can_redo(self) -> bool:
+        return self.document is not None and bool(self._undone.get(self.document.key))
+
+    def undo(self) -> None:
+        self._back(self._done, self._undone)
+
+    def redo(self) -> None:
+        self._back(self._undone, self._done)
+
+    def _back(self, steps: dict[str, list[str]], others: dict[str, list[str]]) -> None:
+        document = self.document
+        if document is not None and steps.get(document.key):
+            others.setdefault(document.key, []).append(document.text)
+            self._code.put(document.key, steps[document.key].pop())
+            self.said = ""

@@ -178,6 +178,8 @@ class AffordanceServer(Undoing):
     def attach(self, request: AttachInstance) -> InstanceEdit:
         """Have an instance go along with a link, another instance, or the world. Refused where it would go along with itself."""
         with self._lock:
+            if attachments.link(self.get(request.name).attached_to):
+                self.follow()  # the link may have moved since
             by, old = request.by or LOCAL, self.get(request.name)
             to = attachments.asked(request)
             if request.link and request.instance:

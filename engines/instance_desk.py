@@ -58,6 +58,8 @@ class InstanceDesk:
         self._lock = threading.Lock()
         self._something, self._closing = threading.Event(), threading.Event()
         self._server: AffordanceServer | None = None
+        self._follows = False
+        """whether it looks where the robot's links are"""
         self._thread = threading.Thread(target=self._work, name="instances' desk", daemon=True)
 
     def open(
@@ -88,6 +90,8 @@ class InstanceDesk:
 
     def told(self, state: m.InstanceState) -> None:
         """Tell of an instance that has changed: at once, or as soon as it may be."""
+        if state.attachment is not None and not self._follows:
+            self._something.set()
         with self._lock:
             if self._latest.now(state, time.monotonic()):
                 self._tell(state)
@@ -118,7 +122,8 @@ class InstanceDesk:
         assert self._server is not None
         while not self._closing.is_set():
             self._something.clear()
-            waits = [self._server.end_holds(), 1 / RATE if self._server.follow() else None]
+            self._follows = self._server.follow()
+            waits = [self._server.end_holds(), 1 / RATE if self._follows else None]
             with self._lock:
                 now_s = time.monotonic()
                 for state in self._latest.due(now_s):

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from engines.activities.base import Activity, ActivityFailed, Argument, Context, Kind, Services
+from engines.activities.carrying import let_go
 from engines.runs.motion import MotionFailed
 from engines.runs.preconditions import Precondition
 from handrail.messages import (
@@ -25,6 +26,8 @@ _PATIENCE_S = 5.0
 _NEAR = 0.03
 """share of the fingers' way at which they are there"""
 _HOLDS = "gripper_holds"
+OPEN = "open"
+"""the hand pose that holds nothing"""
 
 
 class HandOrder:
@@ -97,7 +100,10 @@ def poses_of(services: Services, arm: str) -> Mapping[str, Mapping[str, float]]:
 
 
 class HandActivity(Activity):
-    """Brings the hand of an arm into one of its poses. Done with `holds`: something keeps it from getting there."""
+    """Brings the hand of an arm into one of its poses. Done with `holds`: something keeps it from getting there.
+
+    What the hand carried stands from then on where it is, if it opens or nothing is in it.
+    """
 
     arguments = {
         "arm": Argument(Kind.ARM),
@@ -116,6 +122,8 @@ class HandActivity(Activity):
             self.context, self.services.description.arms[values["arm"]], known[values["pose"]], self.cancelled,
             effort=values["effort"], velocity=values["speed"],
         )  # fmt: skip
+        if not holds or values["pose"] == OPEN:
+            let_go(self.services, self.services.description.arms[values["arm"]])
         return {"holds": holds}
 
     def preconditions(self) -> Iterator[Precondition]:

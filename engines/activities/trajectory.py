@@ -29,8 +29,9 @@ from affordance_templates.placement import (
 from affordance_templates.template import ResolvedJoint
 from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
+from engines.activities.carrying import let_go, take
 from engines.activities.execute import execute, fresh
-from engines.activities.hand import poses_of, shape_hand
+from engines.activities.hand import OPEN, poses_of, shape_hand
 from engines.activities.meetings import hands, legs, way_together
 from engines.activities.together import Together
 from engines.activities.waypoints import asked_for, chosen, pushes, there_is, way_to
@@ -77,6 +78,9 @@ class TrajectoryActivity(Activity):
 
     `still` is another arm, which holds something meanwhile: joints that both have (a torso) stand, so that it stays where it is.
 
+    What the hand takes hold of stays where it is, or turns about its joints; with the `grip` `carried` it goes along with the
+    hand from then on (engines.activities.carrying), until that opens.
+
     With an `other` arm the trajectory is a template's `sync`, of two hands: the arm goes along the first of its trajectories, the
     other one along the second, at one time, from point to point (engines.activities.meetings); `first`, `last` and `leaving` are
     points then.
@@ -93,6 +97,7 @@ class TrajectoryActivity(Activity):
         "plan": Argument(Kind.VALUE, required=False),
         "still": Argument(Kind.ARM, required=False, default=""),
         "other": Argument(Kind.ARM, required=False, default=""),
+        "grip": Argument(Kind.CHOICE, required=False, default="fixed", choices=("fixed", "carried")),
     }
     outputs = frozenset({"waypoint", "holds", "moved"})
     _executed = ""
@@ -391,6 +396,10 @@ class TrajectoryActivity(Activity):
         self._still_there()
         holds = shape_hand(self.context, self._arm, waypoint.fingers, self.cancelled)
         self._holds = holds and waypoint.waypoint.hand_pose == _CLOSED
+        if not holds or waypoint.waypoint.hand_pose == OPEN:
+            self._instance = let_go(self.services, self._arm, self._instance) or self._instance
+        elif self._holds and self.values["grip"] == "carried":
+            self._instance = take(self.services, self._instance, self._arm)
 
     def _run(self, motion: CompliantMotion, ends: list[EndCondition], what: str, hoped: str) -> str:
         try:

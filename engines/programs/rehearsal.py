@@ -19,6 +19,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from affordance_templates import attachments
 from affordance_templates.instance import Instance
 from affordance_templates.server import AffordanceServer
 from engines.activities import ACTIVITIES
@@ -37,7 +38,9 @@ from handrail.behaviour_file import Robot
 from handrail.messages import (
     ActionEvent,
     AnswerPrompt,
+    AttachInstance,
     EndCondition,
+    InstanceEdit,
     JointTrajectory,
     Prompt,
     PromptClosed,
@@ -97,6 +100,14 @@ class _Stage:
         old = self.get(name)
         self.placed[name] = replace(old, joint_state={**old.joint_state, joint: position})
         return self.placed[name]
+
+    def attach(self, request: AttachInstance) -> InstanceEdit:
+        """It is noted, and stays where it is: where the hand is nobody works out here."""
+        old, to = self.get(request.name), attachments.asked(request)
+        if to != old.attached_to:
+            own = old.pose_in_world if to else None
+            self.placed[old.name] = replace(old, attached_to=to, pose_in_parent=own, version=old.version + 1)
+        return InstanceEdit(name=old.name, instance=self.placed[old.name].state())
 
     def go(self, rows: NDArray[np.int64], there: Array) -> None:
         """The robot has moved."""

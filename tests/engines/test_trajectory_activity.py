@@ -19,6 +19,7 @@ ALL = {
     "plan": None,
     "still": "",
     "other": "",
+    "grip": "fixed",
     "instance": "it",
     "trajectory": "grasp",
     "arm": "right",

@@ -158,6 +158,7 @@ class Activities:
         )
         values = {
             "instance": "it", "trajectory": "carry", "arm": "right", "other": "left", "still": "", "first": "", "last": "",
+            "grip": "fixed",
             "way": "forwards", "leaving": "", "plan": None, **given,
         }  # fmt: skip
         return TrajectoryActivity(SimpleNamespace(services=services, motion=self.moves), values)

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from handrail.messages import Pose, RunState
+from handrail.messages import InstanceState, Pose, RunState
 from tests.stack.conftest import Stack
 
 pytestmark = [pytest.mark.stack, pytest.mark.timeout(700)]
@@ -25,6 +25,23 @@ def carried_out(robot, program: str, bindings: Mapping[str, str], **parameters) 
     """A run's end; what it asks is approved."""
     with robot.events(RunState, timeout_s=30.0) as runs:
         return followed(runs, robot.run(robot.deploy(program, bindings, parameters)))
+
+
+def carried(robot, bindings: Mapping[str, str]) -> tuple[RunState, list[str]]:
+    """A pick_and_place's end, and what the box was told to go along with until it stood again: links, empty for the world."""
+    to, stands = [""], threading.Event()
+
+    def note(state: InstanceState) -> None:
+        link = state.attachment.link if state.attachment is not None else ""
+        if state.name == bindings["what"] and link != to[-1]:
+            to.append(link)
+        if len(to) > 2:
+            stands.set()
+
+    with robot.on(InstanceState, note):
+        ended = carried_out(robot, "pick_and_place", bindings)
+        stands.wait(10.0 if ended.status == "succeeded" else 0.0)
+    return ended, to
 
 
 def followed(runs, begun: RunState) -> RunState:
@@ -49,8 +66,11 @@ def test_either_hand_picks_a_box_up_and_puts_it_where_it_was_told_or_back_and_kn
         robot.place_instance("place", "box", Pose(position=tuple(there.tolist())), SIZE)
         robot.place_instance("table", "box", Pose(position=(0.75, side * 0.30, -0.04)), TABLE)
         bindings = {"arm": arm, "what": "box", "where": "place"}
-        ended = carried_out(robot, "pick_and_place", bindings)
+        ended, went_along = carried(robot, bindings)
         assert ended.status == "succeeded", ended.detail
+        assert went_along == ["", f"grasp_{arm}", ""], "it goes along with the hand that has it, and stands again"
+        believed = next(each for each in robot.instances() if each.name == "box").pose_in_world
+        assert np.linalg.norm(np.array(believed.position) - there) < 0.015, believed
         now = truth.now().poses_in_world[f"box_{arm}"]
         assert np.linalg.norm(np.array(now.position) - there) < 0.01, now
         assert abs(now.orientation[3]) > np.cos(np.deg2rad(5.0) / 2), f"it has fallen over: {now}"

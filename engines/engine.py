@@ -47,9 +47,10 @@ from engines.reach.desk import ReachDesk
 from engines.releases import node_saving, saving
 from engines.releases.check import check as check_release
 from engines.releases.store import ReleaseStore
+from engines.runs.edit import Waiting
 from engines.runs.job import Job
 from engines.runs.jog import JogExecution
-from engines.runs.journal import RunJournal
+from engines.runs.journal import Entry, RunJournal
 from engines.runs.plan_execution import PlanExecution
 from engines.runs.prompts import Prompts
 from engines.runs.run import LINK_CUT, ProgramRun, Start
@@ -446,14 +447,16 @@ class Engine:
         run = self._run
         if run is None or not run.active or not deployed.newer_than(run.deployed):
             return
+        run.edit(self._waiting(deployed, parameters))
 
+    def _waiting(self, deployed: Deployed, parameters: Mapping[str, Any]) -> Waiting:
         def go_on_from(state: str) -> None:
             try:
                 self._run_from(m.RunFrom(state=state, deployment=deployed.id)).result()
             except RefusedError as refused:
                 self._log("error", f"{deployed.program.name}: {refused}")
 
-        run.edit(deployed, parameters, go_on_from)
+        return Waiting(deployed, parameters, go_on_from)
 
     def _edit_run(self) -> None:
         """Code has changed: what runs may be another version now."""
@@ -521,6 +524,7 @@ class Engine:
                 deployed,
                 self._services,
                 self._run_changed,
+                self._keep_run,
                 breakpoints=self._breakpoints & doing,
                 autonomy=self._autonomy,
                 on_failure=on_failure,
@@ -531,8 +535,10 @@ class Engine:
             self._job = self._run = run
             return run.start()
 
+    def _keep_run(self, deployed: Deployed, state: m.RunState, edit: Waiting | None) -> None:
+        self._journal.write(deployed, state, edit)
+
     def _run_changed(self, deployed: Deployed, state: m.RunState) -> None:
-        self._journal.write(deployed, state)
         self._templates.told(deployed, state)
         self._tell(state)
         if state.status != self._told_status:
@@ -641,6 +647,7 @@ class Engine:
                 parameters={name: value for name, value in data.items() if name in program.parameters},
                 paused="the engine was started anew; what it moved has stopped. Look, then go on, or run from another state",
                 run=entry.state.run,
+                edit=self._recovered_edit(deployed, entry),
             )
             self._begin(deployed, start, on_failure=entry.state.on_failure)
         except (ValueError, RefusedError) as problem:
@@ -651,6 +658,22 @@ class Engine:
             self._log(
                 "error", f"the run that was under way is lost: the engine's own error: {type(crash).__name__}: {crash}"
             )
+
+    def _recovered_edit(self, deployed: Deployed, entry: Entry) -> Waiting | None:
+        """The version that waited for its place. Where it can't be had any more, that is told, and the run is without it."""
+        try:
+            program = self._journal.edited(entry)
+            if program is None or entry.edit is None or program.same_as(deployed.program):
+                return None
+            edit = entry.edit
+            request = m.Deploy(program=program.name, bindings=entry.bindings, parameters=edit.parameters)
+            newer = deployment.deploy(request, program, self._services.description, self._services.affordances)
+        except (ValueError, RefusedError) as problem:
+            self._log("warning", f"the edit of {entry.state.program} that waited is lost: {problem}")
+            return None
+        newer = replace(newer, id=entry.edit.deployment)
+        self._deployments[newer.id] = newer
+        return self._waiting(newer, entry.edit.parameters)
 
     def _program_run(self) -> ProgramRun:
         if self._run is None or self._job is not self._run or not self._run.active:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from engines import identifiers
@@ -18,32 +19,44 @@ _MOST = 12
 """states that are offered to go on from"""
 
 
+@dataclass(frozen=True)
+class Waiting:
+    """A version that a run is to go on in."""
+
+    newer: Deployed
+    parameters: Mapping[str, Any]
+    """that get these values with it"""
+    go_on_from: Callable[[str], None]
+    """has a run of that version begin in a state, in this one's stead"""
+
+
 class Edit:
     """What one run has before it. Every method may be called from any thread."""
 
-    def __init__(self, services: Services, run: str):
-        """`run`: its id."""
-        self._services, self._run = services, run
+    def __init__(self, services: Services, run: str, changed: Callable[[], None], waiting: Waiting | None = None):
+        """`run`: its id; `changed` is called whenever something else waits, or nothing any more; `waiting`: what does already."""
+        self._services, self._run, self._changed = services, run, changed
         self._lock = threading.Lock()
         self._asked = ""
         """id of the open prompt"""
-        self.newer: Deployed | None = None
-        """the version to go on in"""
-        self.parameters: Mapping[str, Any] = {}
-        """that get these values with it"""
+        self._waiting = waiting
 
-    def wanted(self, newer: Deployed, parameters: Mapping[str, Any], go_on_from: Callable[[str], None]) -> None:
+    @property
+    def waiting(self) -> Waiting | None:
+        """What it is to go on in; None: in what it runs."""
+        return self._waiting
+
+    def wanted(self, waiting: Waiting) -> None:
         """Instead of any that waits already."""
-        self.done()
-        with self._lock:
-            self.newer, self.parameters, self._go_on_from = newer, parameters, go_on_from
+        self._put(waiting)
 
     def ask(self, missing: str, stop: Callable[[], None]) -> None:
         """The active state `missing` has no place in the new version: ask, once, what to do; the run goes on meanwhile."""
         with self._lock:
-            if self._asked or self.newer is None:
+            waiting = self._waiting
+            if self._asked or waiting is None:
                 return
-            program = self.newer.program
+            program = waiting.newer.program
             offered = [state.id for state in program.states() if state.file.do and not state.file.final]
             more = f" (or run from any other of its {len(offered)})" if len(offered) > _MOST else ""
             text = (
@@ -59,28 +72,39 @@ class Edit:
             )
             self._asked = prompt.id
             self._services.prompts.ask(prompt)
-            waiting = (prompt.id, self.newer, self._go_on_from, stop)
-        threading.Thread(target=self._wait, args=waiting, name="edited", daemon=True).start()
+        threading.Thread(target=self._wait, args=(prompt.id, waiting, stop), name="edited", daemon=True).start()
 
-    def done(self) -> None:
-        """The run goes on in the new version, or has ended: nobody needs an answer any more."""
+    def done(self, waiting: Waiting) -> None:
+        """The run goes on in that version: nobody needs an answer any more. Nothing where another one waits by now."""
+        self._put(None, instead_of=waiting)
+
+    def end(self) -> None:
+        """The run has ended."""
+        self._put(None)
+
+    def _put(self, waiting: Waiting | None, instead_of: Waiting | None = None) -> None:
         with self._lock:
-            asked, self._asked, self.newer, self.parameters = self._asked, "", None, {}
+            before = self._waiting
+            if instead_of is not None and before is not instead_of:
+                return
+            asked, self._asked, self._waiting = self._asked, "", waiting
         if asked:
             self._services.prompts.withdraw(asked)
+        if before is not waiting:
+            self._changed()
 
-    def _wait(self, id: str, newer: Deployed, go_on_from: Callable[[str], None], stop: Callable[[], None]) -> None:
+    def _wait(self, id: str, waiting: Waiting, stop: Callable[[], None]) -> None:
         answer = self._services.prompts.wait(id).answer
         with self._lock:
-            if not answer or self.newer is not newer:
+            if not answer or self._waiting is not waiting:
                 return
-            self._asked, self.newer, self.parameters = "", None, {}
+            self._asked, self._waiting = "", None
+        self._changed()
         if answer == KEEP:
-            self._services.log(
-                "info", f"the run goes on in the old version of {newer.program.name}, as the operator wants"
-            )
+            name = waiting.newer.program.name
+            self._services.log("info", f"the run goes on in the old version of {name}, as the operator wants")
         elif answer == STOP:
             with contextlib.suppress(RefusedError):  # it has ended meanwhile
                 stop()
         else:
-            go_on_from(answer)
+            waiting.go_on_from(answer)

@@ -21,7 +21,7 @@ from engines.programs.program import Program, State
 from engines.programs.statechart import EDITED, Chart, Event
 from engines.runs.autonomy import Permissions, Question
 from engines.runs.clock import RunClock
-from engines.runs.edit import Edit
+from engines.runs.edit import Edit, Waiting
 from engines.runs.gate import RunGate
 from engines.runs.history import RunHistory
 from engines.runs.job import reach
@@ -53,6 +53,8 @@ class Start:
     """why it waits before its first activity; empty: it does not"""
     run: str = ""
     """id of the run that it goes on with"""
+    edit: Waiting | None = None
+    """another version that waits for its place"""
 
 
 class ProgramRun:
@@ -63,6 +65,7 @@ class ProgramRun:
         deployed: Deployed,
         services: Services,
         publish: Callable[[Deployed, RunState], None],
+        keep: Callable[[Deployed, RunState, Waiting | None], None],
         *,
         breakpoints: Iterable[str] = (),
         autonomy: str = "full",
@@ -71,13 +74,13 @@ class ProgramRun:
         seeds: Mapping[str, Sequence[np.ndarray]] | None = None,
         watch: RunWatch | None = None,
     ):
-        """`publish` is told of every change, and in which version; `seeds`: state → where its plans ended in a rehearsal; `watch`
-        compares it with past runs.
+        """`publish` is told of every change, and in which version; `keep` before, with the version that waits; `seeds`: state →
+        where its plans ended in a rehearsal; `watch` compares it with past runs.
 
         Raises ValueError where `start` names states that can't be active together.
         """
         self._seeds = seeds or {}
-        self._services, self._publish = services, publish
+        self._services, self._publish, self._keep = services, publish, keep
         self._deployed, self._start = deployed, start or Start()
         self.parts = parts = Parts(services.daemon, services.description.groups)
         """of the body that it holds"""
@@ -112,7 +115,7 @@ class ProgramRun:
         )
         self._stopping = False
         self._doing = _doing(program)
-        self._edit = Edit(services, self._context.run)
+        self._edit = Edit(services, self._context.run, self._kept, self._start.edit)
         self._unmet: list[str] = []
         """pre-conditions that were not met when it was last to go on, and told"""
         self._thread = threading.Thread(target=self._drive, name=self._context.run, daemon=True)
@@ -301,28 +304,24 @@ class ProgramRun:
             remembered, parameters = {name: remembered[name] for name in remembered if name in known}, {}
         return Start((state,), remembered, parameters, paused=why)
 
-    def edit(self, newer: Deployed, parameters: Mapping[str, Any], go_on_from: Callable[[str], None]) -> None:
-        """Go on in another version of the program, once the active states are there; until then, the operator is asked.
-
-        :param parameters: that have other values from then on
-        :param go_on_from: has a run of that version begin in a state, in this one's stead
-        """
-        self._edit.wanted(newer, parameters, go_on_from)
+    def edit(self, waiting: Waiting) -> None:
+        """Go on in another version of the program, once the active states are there; until then, the operator is asked."""
+        self._edit.wanted(waiting)
         self._chart.post(Event(EDITED))
 
     def _go_over(self) -> bool:
         """Where another version waits, and has a place for what is active: go on in that one. Between two macrosteps."""
-        newer = self._edit.newer
-        if newer is None or self._permissions.asked:  # a way out that is asked about is this version's
+        waiting = self._edit.waiting
+        if waiting is None or self._permissions.asked:  # a way out that is asked about is this version's
             return False
+        newer = waiting.newer
         program = newer.program
         if missing := self._chart.missing_in(program):
             self._edit.ask(missing, self.stop)
             return False
         with self._lock:
             kept = {name: value for name, value in self._parameters.items() if not program.problem(name, value)[0]}
-            self._deployed, self._parameters = newer, {**newer.parameters, **kept, **self._edit.parameters}
-            self._edit.done()
+            self._deployed, self._parameters = newer, {**newer.parameters, **kept, **waiting.parameters}
             chart = self._chart_of(program, {**newer.names(), **self._parameters})
             anew = chart.takes_over(self._chart)
             chart.set_autonomy(self._state.autonomy)
@@ -330,6 +329,8 @@ class ProgramRun:
             halting = {state.id for state in program.states() if state.file.do}
             self._gate.set_breakpoints(halting.intersection(self._gate.breakpoints))
             self._tell(deployment=newer.id, hash=program.hash, active=chart.active(), data=self._data())
+        # After it was kept that it goes on in this version: killed between the two, it would be without.
+        self._edit.done(waiting)
         begun = f"; {', '.join(anew)} begins anew, for it does something else now" if anew else ""
         self._services.log("info", f"{program.name} was edited: the run goes on in version {program.hash}{begun}")
         return True
@@ -406,7 +407,7 @@ class ProgramRun:
             self._chart.abandon()
         finally:
             self._permissions.withdraw()
-            self._edit.done()
+            self._edit.end()
             self._services.daemon.tell_no_time(self._clock.tick)
             self._services.daemon.release_time()
         if not self._motion.settled(_SETTLE_S):
@@ -439,7 +440,12 @@ class ProgramRun:
             if msgspec.structs.replace(state, time_ns=self._state.time_ns) == self._state:
                 return
             self._state = state
+            self._kept()
             self._publish(self._deployed, state)
+
+    def _kept(self) -> None:
+        with self._lock:
+            self._keep(self._deployed, self._state, self._edit.waiting)
 
 
 def _doing(program: Program) -> frozenset[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import msgspec
 import pytest
 
 from engines.programs import library
@@ -34,6 +35,16 @@ def state(stack, wanted):
 def moving(stack, stroking):
     """The state of a run in its first stroke, which moves."""
     return state(stack, lambda run: run.active == ["turning", "stroking"])
+
+
+@pytest.fixture
+def halted(stack):
+    """A run that has come to a breakpoint at its prompt."""
+    stack.place()
+    stack.call(m.SetBreakpoints(states=["confirming"]))
+    stack.run(goal_deg=10)
+    state(stack, lambda run: run.status == "paused" and run.waiting == ["confirming"])
+    return stack
 
 
 SOFTER = (
@@ -150,3 +161,55 @@ def test_what_is_unsound_or_can_not_be_bound_leaves_the_run_as_it_is(stack, movi
     told = stack.wait(lambda e: isinstance(e, m.LogLine) and "goes on in the version that runs" in e.text)
     assert "second" in told.text
     assert stack.call(m.GetEngine()).run.hash == moving.hash
+
+
+def killed(stack, monkeypatch):
+    """End an engine that writes nothing any more, as one that is killed."""
+    monkeypatch.setattr(stack.engine._journal, "write", lambda *run: None)
+    stack.close()
+
+
+def test_an_edit_that_waits_comes_back_with_the_run_of_an_engine_that_was_killed(
+    halted, start, wait_until, monkeypatch
+):
+    before = halted.call(m.GetEngine()).run
+    bring(halted, re.sub(r"\bconfirming\b", "asking", TEXT))
+    lost = halted.prompt()
+    killed(halted, monkeypatch)
+    again = start()
+    wait_until(lambda: again.call(m.GetEngine()).prompts)
+    (asked,) = again.call(m.GetEngine()).prompts
+    run = again.call(m.GetEngine()).run
+    assert (run.run, run.status, run.active, run.hash) == (before.run, "paused", ["confirming"], before.hash)
+    assert (asked.text, asked.options, asked.run) == (lost.text, lost.options, run.run) and asked.id != lost.id
+    again.call(m.SetBreakpoints(states=[]))
+    again.call(m.AnswerPrompt(id=asked.id, answer="planning"))
+    assert state(again, lambda told: told.hash != before.hash and told.active == ["asking"])
+
+
+def test_an_edit_that_was_answered_is_not_asked_about_again(halted, start, wait_until, monkeypatch):
+    bring(halted, re.sub(r"\bconfirming\b", "asking", TEXT))
+    halted.call(m.AnswerPrompt(id=halted.prompt().id, answer="keep the old version"))
+    halted.wait(lambda e: isinstance(e, m.LogLine) and "goes on in the old version" in e.text)
+    killed(halted, monkeypatch)
+    again = start()
+    wait_until(lambda: again.call(m.GetEngine()).run.waiting == ["confirming"])
+    assert not again.call(m.GetEngine()).prompts
+    again.call(m.SetBreakpoints(states=[]))
+    again.call(m.RunFrom(state="planning"))  # plans are gone with the engine that made them
+    assert again.prompt().text.startswith("Turn wheel_1"), "the program's own question, and no other"
+
+
+def test_an_edit_that_can_not_be_read_any_more_is_told_and_the_run_comes_back_without(
+    halted, start, wait_until, monkeypatch, caplog
+):
+    bring(halted, re.sub(r"\bconfirming\b", "asking", TEXT))
+    halted.prompt()
+    file = halted.engine._journal._file
+    killed(halted, monkeypatch)
+    kept = msgspec.json.decode(file.read_bytes())
+    kept["edit"]["program"] = "program: [nonsense"
+    file.write_bytes(msgspec.json.encode(kept))
+    again = start()
+    wait_until(lambda: again.call(m.GetEngine()).run.waiting == ["confirming"])
+    assert "the edit of turn_valve that waited is lost" in caplog.text

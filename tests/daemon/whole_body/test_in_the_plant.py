@@ -201,13 +201,18 @@ def test_pausing_stops_every_reference_and_resuming_goes_on(in_plant) -> None:
 
 
 @pytest.mark.parametrize("compound", [HAND_OVER_POSTURE, TURN_BELOW], ids=["together", "turn_below"])
+@pytest.mark.parametrize(
+    ("way", "most"),
+    [((0.0, -0.5, 0.0), 0.0205), ((0.0, 0.0, -0.5), 0.0205), ((0.4, -0.4, 0.0), 0.035)],
+    ids=["out", "down", "ahead and out, where bounds of acceleration ask for more"],
+)
 def test_an_arm_that_is_stretched_beyond_its_reach_and_comes_back_is_torn_by_no_torque(
-    in_plant, talos, compound
+    in_plant, talos, compound, way, most
 ) -> None:
     """Without damping where bounds are active hundreds of the solver's steps are more than 2 % of the rated torque, up to 40 %;
-    with position and turn on levels of their own some are 10 %, and none reaches the drives."""
+    with position and turn on levels of their own some are 28 %, and none reaches the drives."""
     bench = in_plant(robot=dataclasses.replace(talos, guard=Guarding(self_collision=False)))  # it would stop it before
-    start, way = bench.tip().translation, np.array([0.0, -0.5, 0.0])
+    start, way = bench.tip().translation, np.array(way)
     stream = PoseStream(task="hand", stale=0.1, speed=1.0)
     assert bench.begin(WholeBody(compound=compound, references=[stream])) is Answer.ACCEPTED
     bench.run(5)
@@ -231,8 +236,8 @@ def test_an_arm_that_is_stretched_beyond_its_reach_and_comes_back_is_torn_by_no_
     assert furthest > (0.02 if compound == HAND_OVER_POSTURE else 0.005), "it was asked for more than it can reach"
     assert np.linalg.norm(bench.tip().translation - start) < 5e-3, "and is back"
     assert np.sum(np.array(steps) > 0.02) < 30
-    assert max(steps) < 0.15
-    assert drives < 0.0205, "of the rated torque from cycle to cycle"
+    assert max(steps) < 0.3
+    assert drives < most, "of the rated torque from cycle to cycle"
 
 
 def test_two_arms_run_whole_body_motions_of_their_own_while_a_trajectory_turns_the_torso_under_them(in_plant) -> None:

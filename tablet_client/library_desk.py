@@ -9,7 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import Property, QObject, Signal, Slot
 
-from handrail.messages import Message
+from handrail.messages import Message, SetRunParameters
 from tablet_client.models.launch import Given
 from tablet_client.models.launch import Slot as Resource
 from tablet_client.models.situation import Situation
@@ -119,6 +119,12 @@ class LibraryDesk(QObject):
             self._situation.launch.wish(goal)
             self._soon()
 
+    @Slot()
+    def apply(self) -> None:
+        """Give the run that is under way what was set here: each value counts from its next use."""
+        if not self.why("set"):
+            self._send(SetRunParameters(parameters=self._situation.launch.changes))
+
     @Slot(int)
     def rollBack(self, number: int) -> None:
         """Bring the chosen engine's code of an earlier release back into force."""
@@ -127,7 +133,7 @@ class LibraryDesk(QObject):
             self._send(call)
 
     def why(self, command: str) -> str:
-        """Code of the reason why `run`, `check` or `roll_back` can't be done now; empty when it can."""
+        """Code of the reason why `run`, `check`, `set` or `roll_back` can't be done now; empty when it can."""
         situation = self._situation
         if situation.only_looks:
             return situation.only_looks
@@ -137,6 +143,8 @@ class LibraryDesk(QObject):
             return "no_engine"
         if command == "roll_back":
             return "sending" if "RollBack" in situation.pending else ""
+        if command == "set":
+            return "sending" if "SetRunParameters" in situation.pending else situation.launch.why_not_set()
         if why := situation.launch.why_not(self._resources()):
             return why
         return "run_under_way" if self._busy() in ("running", "paused") else ""
@@ -148,6 +156,15 @@ class LibraryDesk(QObject):
             return self._situation.task.status
         info = self._situation.deployments.engines.get(engine)
         return info.status if info else ""
+
+    def _running(self) -> dict[str, Any]:
+        """The values that the run under way has of the program's parameters; none where it is another program's."""
+        launch, run = self._situation.launch, self._situation.task.run
+        here = run is not None and not launch.engine and run.program == launch.program
+        if run is None or not here or self._busy() not in ("running", "paused") or launch.source is None:
+            return {}
+        names = [each.name for each in launch.source.parameters]
+        return {name: run.data[name] for name in names if name in run.data}
 
     def _resources(self) -> list[Resource]:
         robot = self._situation.robot.info
@@ -162,6 +179,7 @@ class LibraryDesk(QObject):
     def build(self) -> None:
         """Look at the models anew."""
         launch = self._situation.launch
+        launch.running = self._running()
         self._programs.show(
             [
                 {"name": each.name, "title": each.title, "problem": each.problem, "chosen": each.name == launch.program}
@@ -193,10 +211,11 @@ class LibraryDesk(QObject):
             "known": bool(launch.entries),
             "problem": launch.problem,
             "started": launch.started,
+            "running": bool(launch.running),
             "deployed": launch.deployment is not None,
             "warnings": list(launch.deployment.warnings) if launch.deployment else [],
             "check": self._check(),
-            "why": {name: self.why(name) for name in (*GOALS, "roll_back")},
+            "why": {name: self.why(name) for name in (*GOALS, "set", "roll_back")},
             "engine": self._situation.deployments.chosen,
             "engineProblem": self._situation.deployments.problem,
             "runs": self._runs(),

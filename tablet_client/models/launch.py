@@ -76,6 +76,8 @@ class Launch:
         """what the robot said against it"""
         self.started = 0
         """how many runs were started from here"""
+        self.running: Mapping[str, Any] = {}
+        """the values that a run of this very program has now; empty: it does not run"""
         self._bound: dict[str, str] = {}
         self._given: dict[str, Any] = {}
         self._goal = ""  # what follows when it is deployed: run, check
@@ -150,12 +152,29 @@ class Launch:
 
     @property
     def parameters(self) -> list[Given]:
-        """With the values that they would be deployed with."""
+        """With the values that they would be deployed with, or have in the run that is under way."""
         made = []
         for each in self.source.parameters if self.source else []:
-            value = self._given.get(each.name, each.default)
+            value = self._given.get(each.name, self.running.get(each.name, each.default))
             made.append(Given(each, value, value == each.default or _fits(each, value)))
         return made
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What was set here and is otherwise in the run that is under way."""
+        return {
+            each.parameter.name: each.value
+            for each in self.parameters
+            if each.parameter.name in self.running and each.value != self.running[each.parameter.name]
+        }
+
+    def why_not_set(self) -> str:
+        """Code of the reason why the run that is under way can't be given what was set here."""
+        if not self.running:
+            return "not_running"
+        if not all(given.fits for given in self.parameters):
+            return "bad_parameter"
+        return "" if self.changes else "nothing_changed"
 
     def why_not(self, slots: Sequence[Slot]) -> str:
         """Code of the reason why it can't be deployed yet, as far as it is known here; empty when it can."""

@@ -141,7 +141,19 @@ ColumnLayout {
             onClicked: desk.library.do("check")
         }
         ActionButton {
+            objectName: "setInRun"
+            visible: form.view.running
+            Layout.fillWidth: true
+            Layout.preferredWidth: 1
+            tone: "primary"
+            text: qsTr("Set in the run")
+            why: Words.why(form.view.why.set)
+            Accessible.name: qsTr("Give the run what was set here: it counts from its next use")
+            onClicked: desk.library.apply()
+        }
+        ActionButton {
             objectName: "launch"
+            visible: !form.view.running
             Layout.fillWidth: true
             Layout.preferredWidth: 1
             tone: "primary"

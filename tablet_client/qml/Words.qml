@@ -81,6 +81,7 @@ QtObject {
             bad_parameter: qsTr("a parameter is out of bounds"),
             sending: qsTr("sending …"),
             builtin: qsTr("comes with Handrail"),
+            nothing_changed: qsTr("nothing changed"),
             nothing_to_save: qsTr("nothing to save"),
             saved_by_others: qsTr("saved by others"),
             unsound: qsTr("has an error"),

@@ -12,9 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from engines.programs import library
-from engines.releases.closure import bundle_of
-from handrail.bundles.manifest import Bundle
+from engines.releases.check import NODES
+from engines.releases.closure import bundle_here, bundle_of
 from handrail.client import DEFAULT_ADDRESS, RefusedError, Unreachable, connect
 from handrail.config import ConfigError
 from handrail.link.keys import KeysError
@@ -88,14 +87,17 @@ def _since(program: str, found: Releases) -> tuple[str, str, str]:
 
 
 def _here(program: str, found: Releases) -> str:
-    """What of a deployed program is another one here."""
+    """What of a deployed program, or node, is another one here."""
     bundle = found.programs.get(program)
     if bundle is None:
         return ""
     try:
-        own: Bundle = bundle_of(program)
+        own = bundle_here(program)
     except (ConfigError, ValueError, OSError):
-        return "not here" if program not in library.files() else "unsound here: handrail program check says why"
+        check = "handrail node test" if program.startswith(NODES) else "handrail program check"
+        return f"unsound here: {check} says why"
+    if own is None:
+        return "not here"
     if own.address == bundle:
         return "the same"
     other = [path for path, address in own.manifest.addresses().items() if found.files.get(path) != address]

@@ -36,6 +36,18 @@ def bundle_of_node(name: str, file: Path) -> Bundle:
     return bundle(f"{NODES}{name}", {path: each.read_bytes() for path, each in _node(file.resolve())})
 
 
+def bundle_here(released: str) -> Bundle | None:
+    """What is here under the name that a release has: a program's, or `nodes/NAME`; None where nothing is called so.
+
+    Raises as `bundle_of` does, where it is unsound.
+    """
+    if released.startswith(NODES):
+        name = released.removeprefix(NODES)
+        file = nodes.files().get(name)
+        return bundle_of_node(name, file) if file is not None else None
+    return bundle_of(released) if released in library.files() else None
+
+
 def holds_node(file: Path) -> bool:
     """Whether a Python file has a class that is made as nodes are; others are modules that nodes import."""
     bases = (

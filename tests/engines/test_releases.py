@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from engines.releases.closure import bundle_of
+from engines.releases.closure import bundle_here, bundle_of, bundle_of_node
 from handrail import messages as m
 from handrail.bundles import manifest, pieces
 from handrail.program_edit import ProgramText
@@ -192,6 +192,24 @@ def test_a_node_that_is_a_part_of_itself_travels_to_where_that_is_refused(tmp_pa
     write(tmp_path, workspace)
     monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path))
     assert bundle_of("find").manifest.files.keys() == workspace.keys()
+
+
+def test_a_node_that_was_saved_on_the_robot_is_compared_with_the_one_of_its_name_here(tmp_path, monkeypatch):
+    text = NODE.replace("from beside import twice\n", "").replace("twice(", "2 * (")
+    here, robot = tmp_path / "here", tmp_path / "robot"
+    for folder in (here, robot):
+        folder.mkdir()
+    write(robot, {"nodes/double.py": text})
+    saved = bundle_of_node("double", robot / "nodes" / "double.py")
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(here))
+    assert bundle_here("nodes/double") is None and bundle_here("double") is None
+    write(here, {"nodes/double.py": text})
+    assert bundle_here(saved.manifest.program).address == saved.address
+    write(here, {"nodes/double.py": text + "\n"})
+    assert bundle_here("nodes/double").address != saved.address
+    write(here, {"nodes/double.py": "def f(:"})
+    with pytest.raises(ValueError, match=r"double\.py:1"):
+        bundle_here("nodes/double")
 
 
 def test_a_node_that_is_no_python_is_named_before_anything_travels(tmp_path, monkeypatch):

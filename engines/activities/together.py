@@ -17,6 +17,7 @@ from typing import Protocol
 from affordance_templates.binding import BoundWaypoint, schedule
 from affordance_templates.placement import Array
 from affordance_templates.template import Sync
+from engines.activities import lines
 from engines.activities.base import ActivityFailed
 from engines.activities.meetings import Leg
 from engines.runs.motion import Motion
@@ -36,9 +37,6 @@ class Hand(Protocol):
 
     def standing(self) -> Array:
         """(4, 4) of the tip in the world."""
-
-    def line(self, here: Array, waypoint: BoundWaypoint) -> tuple[Array, float] | None:
-        """See `TrajectoryActivity`; None where the way there is no line."""
 
 
 class Together:
@@ -95,7 +93,7 @@ class Together:
             here = self._hands[name].standing()
             durations[name] = []
             for waypoint in way:
-                line = self._hands[name].line(here, waypoint)
+                line = lines.to(waypoint, here)
                 if line is None:
                     return leg.ways
                 here, seconds = line

@@ -20,13 +20,10 @@ from affordance_templates.instance import Instance
 from affordance_templates.placement import (
     Array,
     of_message,
-    placed,
-    shortest_turn,
     to_message,
-    turn_about,
-    turn_between,
 )
 from affordance_templates.template import ResolvedJoint
+from engines.activities import lines
 from engines.activities.around import MOST, Circle, Push, at_stop
 from engines.activities.base import Activity, ActivityFailed, Argument, Kind
 from engines.activities.carrying import let_go, take
@@ -49,15 +46,6 @@ from handrail.messages import (
 from handrail.robot.description import Arm
 from handrail.topics import RefusedError
 
-_SPEED, _TURN = 0.10, 0.8
-"""m/s, rad/s on lines whose waypoint names no speed"""
-_LEAST_S = 0.3
-_BEYOND = 0.03
-"""m that a guarded way goes on past its waypoint: the object may stand a little further away"""
-_HERE, _TURNED = 0.001, 0.01
-"""m, rad: a hand so near is there"""
-_EXACT = math.radians(5.0)
-"""a tolerance of where a tool points up to which it is no leave to point elsewhere"""
 _PRESS_S = 3.0
 """for which a push along a joint goes on, if its waypoint names no duration"""
 _FELT = 0.25
@@ -108,7 +96,8 @@ class TrajectoryActivity(Activity):
     @classmethod
     def problem(cls, given: Mapping[str, Any]) -> tuple[str, str]:
         """See Activity."""
-        return ("still", "beside other; expected one of both") if "still" in given and "other" in given else ("", "")
+        odd = [name for name in ("still", "grip") if name in given and "other" in given]
+        return (odd[0], "beside other; expected one of both") if odd else ("", "")
 
     def run(self) -> dict[str, Any]:
         self._set_out(asked_for(self.services, self.values["instance"]))
@@ -273,27 +262,9 @@ class TrajectoryActivity(Activity):
         position, orientation = (each.tolist() for each in self.services.tip_pose(command, self.values["arm"]))
         return of_message(Pose(position=tuple(position), orientation=tuple(orientation)))
 
-    def line(self, here: Array, waypoint: BoundWaypoint) -> tuple[Array, float] | None:
-        """Where a line from a tip `here` to a waypoint ends, (4, 4) in the world, and s that it takes at least; 0: it is there
-        already. None: the way there is no line.
-        """
-        asked, there = waypoint.waypoint, waypoint.tip_in_world.copy()
-        if asked.approach in ("free", "along"):
-            return None
-        if waypoint.tolerance.rotation[2] >= math.pi:  # turning about where it points is free: no more than it must
-            there[:3, :3] = _turned(here, there, _slack(waypoint))
-        way = there[:3, 3] - here[:3, 3]
-        length, angle = float(np.linalg.norm(way)), turn_between(here, there)
-        if length < _HERE and angle < _TURNED and waypoint.force_in_world is None:
-            return there, 0.0
-        if asked.until is not None:
-            there[:3, 3] += _BEYOND * way / max(length, _HERE)
-            length += _BEYOND
-        return there, max(length / (asked.speed or _SPEED), angle / _TURN, asked.duration, _LEAST_S)
-
     def _straight(self, waypoint: BoundWaypoint) -> None:
         asked, force = waypoint.waypoint, waypoint.force_in_world
-        line = self.line(self.standing(), waypoint)
+        line = lines.to(waypoint, self.standing())
         assert line is not None, f"{asked.name} is gone to {asked.approach}"
         there, duration = line
         if not duration:
@@ -306,14 +277,14 @@ class TrajectoryActivity(Activity):
             joints=list(self._arm.joints),
             duration=duration,
             goal_in_world=to_message(there),
-            axes=_axes_along(force),
+            axes=lines.axes_along(force),
             compliance=[] if force is None else [Compliance(axis="x", force=float(np.linalg.norm(force)))],
         )
         outcome = self._run(motion, ends, asked.name, "done" if asked.until is None else "contact")
         if asked.until is not None and outcome == "done":
             raise ActivityFailed(
                 "met_nothing",
-                f"{asked.until:g} N were not felt until {_BEYOND * 100:g} cm behind where it was to touch",
+                f"{asked.until:g} N were not felt until {lines.BEYOND * 100:g} cm behind where it was to touch",
             )
 
     def _push(self, waypoint: BoundWaypoint) -> None:
@@ -328,7 +299,7 @@ class TrajectoryActivity(Activity):
             frame=self._arm.tip,
             joints=list(self._arm.joints),
             duration=asked.duration or _PRESS_S,
-            axes=_axes_along(direction),
+            axes=lines.axes_along(direction),
             compliance=[Compliance(axis="x", force=size, speed=asked.speed or 0.0)],
         )
         end, before = TravelEnd(frame=self._arm.tip, distance=abs(by), axis=(x, y, z)), self._measured()
@@ -353,8 +324,8 @@ class TrajectoryActivity(Activity):
         size = float(np.linalg.norm(waypoint.force_in_world))
         now = self.services.affordances.get(self._instance.name)
         free = waypoint.tolerance.rotation[2] >= math.pi
-        circle = Circle.of(now, asked.joint, self.standing(), free=free, lag=_slack(waypoint))
-        speed = abs(by) * circle.radius / asked.duration if asked.duration else asked.speed or _SPEED
+        circle = Circle.of(now, asked.joint, self.standing(), free=free, lag=lines.slack(waypoint))
+        speed = abs(by) * circle.radius / asked.duration if asked.duration else asked.speed or lines.SPEED
         chords = circle.chords(by, size, speed, self._arm)
         for first in range(0, len(chords), MOST):
             self._still_there()
@@ -421,28 +392,3 @@ class TrajectoryActivity(Activity):
         arm, still = arms[self.values["arm"]], self.values["still"]
         shared = arms[still].joints if still else ()
         return replace(arm, joints=tuple(joint for joint in arm.joints if joint not in shared))
-
-
-def _slack(waypoint: BoundWaypoint) -> float:
-    """rad by which the tool may point elsewhere than the waypoint does; a small tolerance is how well it has to be met."""
-    allowed = float(min(waypoint.tolerance.rotation[:2]))
-    return allowed if allowed > _EXACT else 0.0
-
-
-def _turned(here: Array, there: Array, slack: float) -> Array:
-    """(3, 3): the hand turned from `here` towards where it is to point `there`, (4, 4) each, no further than it must."""
-    angle = math.acos(max(-1.0, min(1.0, float(here[:3, 2] @ there[:3, 2]))))
-    if angle <= slack:
-        return here[:3, :3].copy()
-    axis = np.cross(here[:3, 2], there[:3, 2])
-    if slack == 0.0 or np.linalg.norm(axis) < 1e-6:
-        return np.asarray(shortest_turn(here[:3, 2].tolist(), there[:3, 2]) @ here[:3, :3])
-    return np.asarray(turn_about(axis / np.linalg.norm(axis), angle - slack) @ here[:3, :3])
-
-
-def _axes_along(direction: Array | None) -> tuple[float, float, float, float]:
-    """Unit quaternion x, y, z, w of axes whose x points along a direction (3,) of the world; the world's own without one."""
-    if direction is None:
-        return (0.0, 0.0, 0.0, 1.0)
-    turned = shortest_turn((1.0, 0.0, 0.0), direction / np.linalg.norm(direction))
-    return to_message(placed(np.zeros(3), turned)).orientation

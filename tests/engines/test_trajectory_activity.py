@@ -9,8 +9,9 @@ import pytest
 
 from affordance_templates.placement import turn_about, turn_between
 from affordance_templates.server import AffordanceServer
+from engines.activities import lines
 from engines.activities.base import ActivityFailed
-from engines.activities.trajectory import TrajectoryActivity, _turned
+from engines.activities.trajectory import TrajectoryActivity
 from handrail.messages import MoveInstance, PlaceInstance, Pose, RemoveInstance
 from handrail.robot import library as robots
 
@@ -166,6 +167,6 @@ def test_a_tool_is_turned_no_further_than_to_where_it_may_point(slack, turned):
     here, there = np.eye(4), np.eye(4)
     there[:3, :3] = turn_about(np.array([0.0, 1.0, 0.0]), 0.6)
     after = np.eye(4)
-    after[:3, :3] = _turned(here, there, slack)
+    after[:3, :3] = lines.turned(here, there, slack)
     assert turn_between(here, after) == pytest.approx(turned)
     assert turn_between(after, there) == pytest.approx(0.6 - turned)

@@ -260,3 +260,9 @@ def test_a_robot_with_one_arm_is_told_that_two_are_needed(box):
         expand(robots.load("talos_upper_grippers"), box, Wish("carry", "right"))
     with pytest.raises(ActivityFailed, match="has no sync 'grasp' for two arms; expected one of carry"):
         hands(box, "grasp", ("right", "left"), robots.load("talos_upper_grippers"))
+
+
+@pytest.mark.parametrize("beside", ["still", "grip"])
+def test_what_is_for_one_hand_alone_is_refused_beside_another(beside):
+    given = {"other": "left", beside: "left"}
+    assert TrajectoryActivity.problem(given) == (beside, "beside other; expected one of both")

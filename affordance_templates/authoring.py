@@ -18,7 +18,7 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from affordance_templates import template_file
+from affordance_templates import kept_lines, template_file
 from affordance_templates.instance import Instance
 from affordance_templates.placement import Array, inverse, of_message, placed, rotation_of, rpy_of
 from affordance_templates.template_file import Template
@@ -36,18 +36,31 @@ class Draft:
         """`file`: what errors call it, and where meshes are looked for. Raises config.ConfigError."""
         self.file = file
         config.parse(text, file)  # says what is wrong with a text that is no YAML
-        self._data = _yaml().load(text)
+        self._original = text
+        self._data = _yaml().load(text.replace("\r\n", "\n"))
+        self._indents = kept_lines.indents(self._data)
+        self._before = self._dumped()
 
     @classmethod
     def of(cls, template: Template) -> Draft:
         """A draft that begins as a template's file."""
-        return cls(template.document.file.read_text(encoding="utf-8"), template.document.file)
+        file = template.document.file
+        return cls(file.read_bytes().decode("utf-8"), file)  # read_text would take the ends of lines for \n
 
     @property
     def text(self) -> str:
-        """The file's text as it would be saved."""
+        """The file's text as it would be saved: lines that no edit concerns stay as they were, whatever their layout."""
+        after = self._dumped()
+        text = kept_lines.merged(self._original, self._before, after)
+        try:
+            same = config.parse(text, self.file).data == config.parse(after, self.file).data
+        except config.ConfigError:
+            same = False
+        return text if same else after  # a file of several indentations may not take new lines of one
+
+    def _dumped(self) -> str:
         stream = io.StringIO()
-        _yaml().dump(self._data, stream)
+        _yaml(*self._indents).dump(self._data, stream)
         return stream.getvalue()
 
     def checked(self) -> Template:
@@ -66,7 +79,7 @@ class Draft:
         if not over and self.file.exists():
             raise FileExistsError(f"{self.file}: is there already; expected a new name")
         beside = self.file.with_suffix(".new")
-        beside.write_text(text, encoding="utf-8")
+        beside.write_bytes(text.encode("utf-8"))
         os.replace(beside, self.file)
         return template
 
@@ -193,11 +206,11 @@ def written(data: Mapping[str, Any]) -> str:
     return stream.getvalue()
 
 
-def _yaml() -> YAML:
+def _yaml(mapping: int = 2, sequence: int = 4, dash: int = 2) -> YAML:
     yaml = YAML(typ="rt")
     yaml.width = 10_000  # lines are as long as they were
     yaml.preserve_quotes = True
-    yaml.indent(mapping=2, sequence=4, offset=2)
+    yaml.indent(mapping=mapping, sequence=sequence, offset=dash)
     return yaml
 
 

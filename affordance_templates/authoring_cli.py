@@ -80,7 +80,7 @@ def record(
         target = to or authoring.own_file(placed_one.template.name)
         template = placed_one.template
         if target.is_file():
-            draft = authoring.Draft(target.read_text(encoding="utf-8"), target)
+            draft = authoring.Draft(target.read_bytes().decode("utf-8"), target)
         else:
             draft = authoring.Draft.of(template)
         draft.add_waypoint(trajectory, row)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
+import io
 import math
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ruamel.yaml import YAML
 
 from affordance_templates import catalogue, template_file
 from affordance_templates.authoring import Draft, recorded, saved_as, written
@@ -41,6 +44,55 @@ def test_an_edit_changes_its_line_alone(cabinet, cabinet_text):
         "until: 8",
     ]
     assert "# what it is" in draft.text and "# the door's" in draft.text
+
+
+def _laid_out(text: str, mapping: int, sequence: int, dash: int, end: str, *, ended: bool) -> str:
+    """The same file as somebody with other habits writes it."""
+    yaml, stream = YAML(typ="rt"), io.StringIO()
+    yaml.width, yaml.preserve_quotes = 10_000, True
+    yaml.indent(mapping=mapping, sequence=sequence, offset=dash)
+    yaml.dump(yaml.load(text), stream)
+    other = stream.getvalue().replace("\n", end)
+    return other if ended else other.removesuffix(end)
+
+
+_LOOK = {"name": "look", "approach": "free", "position": [0, 0, 0.1]}
+_EDITS = {
+    "a parameter": (lambda d: d.set("parameters.width.default", 0.7), 1, 1),
+    "a waypoint's field": (lambda d: d.set("trajectories.open.waypoints[1].until", 8), 1, 1),
+    "a new field": (lambda d: d.set("title", "Another"), 1, 1),
+    "one more waypoint": (lambda d: d.add_waypoint("open", _LOOK, at=1), 0, 1),
+    "a new trajectory": (lambda d: d.add_waypoint("wave", {"name": "once", "approach": "free"}), 0, 3),
+    "defaults": (lambda d: d.set_defaults({"width": 0.8}), 1, 1),
+    "nothing": (lambda d: None, 0, 0),
+}
+
+
+@given(
+    indents=st.sampled_from([(2, 4, 2), (2, 2, 0), (4, 4, 2), (4, 6, 4), (3, 5, 2), (4, 2, 0)]),
+    end=st.sampled_from(["\n", "\r\n"]),
+    ended=st.booleans(),
+    edit=st.sampled_from(sorted(_EDITS)),
+)
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_lines_that_an_edit_does_not_concern_are_the_same_bytes_in_every_layout(
+    tmp_path, cabinet_text, indents, end, ended, edit
+):
+    change, most_gone, most_new = _EDITS[edit]
+    text = _laid_out(cabinet_text, *indents, end, ended=ended)
+    draft = Draft(text, tmp_path / "cabinet.yaml")
+    change(draft)
+    plain = Draft(cabinet_text, tmp_path / "cabinet.yaml")
+    change(plain)
+    assert draft.checked().document.data == plain.checked().document.data
+    draft.save()
+    saved = (tmp_path / "cabinet.yaml").read_bytes().decode()
+    assert saved.endswith(end) == ended
+    before, after = ((whole + ("" if ended else end)).split("\n") for whole in (text, saved))
+    differ = [line for line in difflib.ndiff(before, after) if line[0] in "-+"]
+    assert sum(line[0] == "-" for line in differ) <= most_gone
+    assert sum(line[0] == "+" for line in differ) <= most_new
+    assert all(line.endswith("\r") == (end == "\r\n") for line in differ)
 
 
 def test_waypoints_are_added_moved_and_taken_away(cabinet):

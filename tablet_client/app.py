@@ -87,7 +87,7 @@ def _run(
 ) -> int:
     from PySide6.QtCore import QTimer
 
-    from tablet_client import window
+    from tablet_client import tour_desk, window
     from tablet_client.line import Line
 
     smoothing = {
@@ -101,6 +101,9 @@ def _run(
     )
     if fullscreen:
         opened.window.showFullScreen()
+    if shot is None and not tour_desk.seen():
+        tour: Any = opened.desk.tour  # to mypy a Qt property is no value
+        tour.begin()
     line = Line(opened, operator, guarded=shot is None)
     line.turn_to(address, own)
     first_contact: Any = opened.desk.pairing  # to mypy a Qt property is no value

@@ -46,6 +46,7 @@ from tablet_client.run_desk import RunDesk
 from tablet_client.scene.stage import Stage
 from tablet_client.session import Session
 from tablet_client.signals_desk import SignalsDesk
+from tablet_client.tour_desk import TourDesk
 from tablet_client.workshop import Workshop
 
 FRAME = 33  # ms between two looks at what has arrived, while things arrive
@@ -88,6 +89,7 @@ class Desk(QObject):
         self._workshop = Workshop(situation, self._send, self._soon)
         self._recordings = RecordingsDesk(situation, self._send, self._soon)
         self._health = HealthDesk(situation, self._send, self._soon)
+        self._tour = TourDesk(situation, self._soon)
         self._header: dict[str, Any] = {}
         self._prompt: dict[str, Any] = {}
         self._ghost: dict[str, Any] = {}
@@ -125,6 +127,10 @@ class Desk(QObject):
     @Property(QObject, constant=True)
     def signals(self) -> SignalsDesk:
         return self._signals
+
+    @Property(QObject, constant=True)
+    def tour(self) -> TourDesk:
+        return self._tour
 
     @Property(QObject, constant=True)
     def health(self) -> HealthDesk:
@@ -300,6 +306,7 @@ class Desk(QObject):
         self._camera.build()
         self._signals.build()
         self._health.build()
+        self._tour.build()
         self._recordings.build()
         self._move.build()
         self._hands.show(self._build_hands())

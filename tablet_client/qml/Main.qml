@@ -72,6 +72,7 @@ Window {
                 spacing: Theme.gap
 
                 PromptCard { Layout.fillWidth: true }
+                TourCard { Layout.fillWidth: true }
                 Banner { objectName: "pageBanner"; shown: !window.sceneShown; Layout.fillWidth: true }
                 PageStack { Layout.fillWidth: true; Layout.fillHeight: true }
             }

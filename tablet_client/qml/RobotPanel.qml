@@ -109,6 +109,13 @@ Panel {
                 text: Theme.dark ? qsTr("Light colours") : qsTr("Dark colours")
                 onClicked: Theme.dark = !Theme.dark
             }
+            ActionButton {
+                objectName: "takeTour"
+                visible: desk.tour.view.step === ""
+                Layout.fillWidth: true
+                text: qsTr("Take the tour")
+                onClicked: desk.tour.begin()
+            }
         }
     }
 }

@@ -4,6 +4,22 @@ import Handrail
 
 // The words for the models' codes, in one place for translators. An unknown code is shown as it is rather than hidden.
 QtObject {
+    // A step of the tour: what to do, how, and on which page.
+    function tour(step) {
+        return ({
+            connect: { title: qsTr("Start a simulated robot"), text: qsTr("In a terminal: handrail up talos_upper --scene valve --clock wall. This window finds it by itself, and shows it in half a minute.") },
+            look: { title: qsTr("Look around"), text: qsTr("Drag in the 3-D view to turn it, two fingers or the wheel to move and zoom. The buttons above it bring you back. The small points are what the robot's camera sees: a red wheel stands before it.") },
+            enable: { title: qsTr("Enable the drives"), text: qsTr("Enable stands above, beside STOP. The robot holds still until a program, or you, move it.") },
+            place: { title: qsTr("Place a wheel"), text: qsTr("Objects has the templates: what the robot can work on. Touch Wheel: it appears in the view, and is where you say that the valve is."), page: "objects" },
+            drag: { title: qsTr("Drag it onto the valve"), text: qsTr("Its arrows and rings move and turn it. Lay it over the wheel that the camera sees. Its waypoints turn green where the arm reaches them, and red where it does not."), page: "objects" },
+            run: { title: qsTr("Run a program on it"), text: qsTr("Library, Turn a valve: choose an arm, then Run. It plans first; nothing moves yet."), page: "library" },
+            approve: { title: qsTr("Look at the ghost, then approve"), text: qsTr("The blue robot shows the first stroke; drag the bar below it to see it move. The card above says how near it comes to anything.") },
+            watch: { title: qsTr("Watch it turn"), text: qsTr("The states light up one after the other. Pause stops the motion where it is, Resume goes on from there."), page: "task" },
+            stop: { title: qsTr("Press STOP once"), text: qsTr("Always the same corner, Escape, Space or F12: the robot stops, whatever it does, and stays stopped until it is cleared.") },
+            over: { title: qsTr("That is all that it takes"), text: qsTr("Clear the stop and enable the drives to go on. Canvas and Code change what the robot does, Move moves it by hand, Record keeps what happened. The tour is under Robot, whenever you want it.") },
+        })[step] || { title: "", text: "" }
+    }
+
     function link(state) {
         return ({
             waiting: qsTr("Waiting for a robot"),

@@ -38,6 +38,7 @@ from engines.planning.scene import Scene
 from engines.planning.timing.path_torque import TORQUE_SHARE, Dynamics, PathTorque
 from engines.planning.timing.standing_torque import StandingDynamics
 from engines.planning.timing.timing import Limits
+from engines.planning.verifier import Verifier
 from engines.planning.waiting import never, quiet
 from handrail.messages import PlanMotion, PointCloud
 from handrail.robot.description import Foot, RobotDescription
@@ -188,7 +189,9 @@ class MotionPlanner:
                 return replace(plan, gave=tuple(told(gave)))
 
     def check_stand(self, plan: Plan, position: Array) -> None:
-        """Raises Infeasible where a plan of arms alone, from all joints at `position` (n,) rad, does not keep the stand."""
+        """Raises Infeasible where a plan of arms alone, from all joints at `position` (n,) rad, does not keep the stand:
+        balance, what the ground can bear, and every joint's torque, those of the legs among them.
+        """
         if self._footing is None:
             raise ValueError("base: got one that is held; expected one that stands on its feet")
         start = self.configuration("position", position)
@@ -200,6 +203,28 @@ class MotionPlanner:
                     for worst in self.solver.checker.violations(stands, start)[:1]:
                         words = f"({worst.what}) is {worst.value:.3g} {worst.unit}"
                         raise Infeasible(worst.constraint, worst.by, worst.unit, segment.name, words)
+            at = self.configuration("position", position)
+            found = self._bearing.loads(self._of_all(plan, position), at, self._description.torque_limit, self.feet)
+        if found:
+            raise found[0].error()
+
+    @cached_property
+    def _bearing(self) -> Verifier:
+        """Of what joints and ground bear: nothing moves in its world, so that nothing meets."""
+        return Verifier(World(self.mechanism, [], self._description.allowed_collision_pairs, moving=()))
+
+    def _of_all(self, plan: Plan, position: Array) -> Plan:
+        """The same plan of all joints, those that it does not move at `position` (n,) rad."""
+        columns, joints = self._description.index(plan.joints), tuple(self._description.joints)
+        segments = []
+        for segment in plan.segments:
+            positions = np.tile(position, (len(segment.times), 1))
+            velocities = np.zeros_like(positions)
+            positions[:, columns], velocities[:, columns] = segment.positions, segment.velocities
+            segments.append(replace(segment, positions=positions, velocities=velocities))
+        start = np.array(position, dtype=float)
+        start[columns] = plan.start
+        return replace(plan, joints=joints, segments=tuple(segments), start=start)
 
     @cached_property
     def _eyes(self) -> Eyes:

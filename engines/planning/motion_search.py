@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,6 +47,8 @@ _POSTURES = 4
 """postures for a goal that are tried until one can be gone to"""
 _PLACES = 6
 """places within a goal's tolerances, that are tried after those"""
+_ONWARD = 3
+"""postures at a key frame that the way on is looked for from"""
 _STARTS = 12
 """configurations that the search for each begins from at most"""
 _BUDGET = Budget(seconds=10.0, edges=1500)
@@ -195,12 +197,25 @@ class MotionSearch:
     # ------------------------------------------------------------------------------------------------ ways with stops only
 
     def _stop_by_stop(self) -> Iterator[tuple[str, list[Array]]]:
-        here, ways = self._start, []
-        for number, goals in enumerate(self._motion.through):
-            here, way = next(self._to(here, goals, f"through[{number}]"))
-            ways.append(way)
-        for _, way in self._to(here, self._motion.goals, "goals"):
-            yield "goals", [*ways, way]
+        yield from self._onward(self._start, [])
+
+    def _onward(self, here: Array, ways: list[Array]) -> Iterator[tuple[str, list[Array]]]:
+        """Depth first, from key frame to key frame: where no way leads on from one's posture, from its next one."""
+        number = len(ways)
+        if number == len(self._motion.through):
+            for _, way in self._to(here, self._motion.goals, "goals"):
+                yield "goals", [*ways, way]
+            return
+        missed, led = None, False
+        for there, way in islice(self._to(here, self._motion.through[number], f"through[{number}]"), _ONWARD):
+            try:
+                for found in self._onward(there, [*ways, way]):
+                    led = True
+                    yield found
+            except Infeasible as problem:
+                missed = missed or problem
+        if missed is not None and not led:
+            raise missed
 
     def _to(self, here: Array, goals: Sequence[Constraint], where: str) -> Iterator[tuple[Array, Array]]:
         """Postures at goals (nq,), each with the way there; at least one, or Infeasible is raised."""

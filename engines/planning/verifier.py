@@ -164,6 +164,14 @@ class Verifier:
             begin += float(segment.times[-1])
         return found
 
+    def loads(self, plan: Motion, at: Array, torque: Array, feet: Sequence[Foot]) -> list[Violation]:
+        """What a plan misses of its joints' torques and of what the ground can bear alone, as `violations` tells it."""
+        rows = [self._mechanism.row(joint) for joint in plan.joints]
+        found = list(self._joined(plan))
+        for segment in () if found else plan.segments:
+            found += _worst(segment.name, self._of_dynamics(plan.joints, rows, _looks(segment), at, torque, feet))
+        return found
+
     def _joined(self, plan: Motion) -> Iterator[Violation]:
         """What is wrong with the arrays themselves: nothing else can be said then."""
         before, width = np.asarray(plan.start, dtype=float), len(plan.joints)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from engines.planning.motion_planner import MotionPlanner
-from engines.planning.plan import Plan, Segment
+from engines.planning.plan import Infeasible, Plan, Segment
 from engines.planning.timing.contact_forces import FRICTION, borne, figures, least
 from engines.planning.timing.timing import Limits
 from handrail.messages import JointsGoal, PlanMotion
@@ -68,6 +69,33 @@ def standing():
 ARMS = ("arm_right_1_joint", "arm_left_1_joint")
 
 
+def swung(home, joints, rows, swing, seconds: float) -> Plan:
+    """There and back by `swing` rad."""
+    times = np.linspace(0.0, seconds, 41)
+    u = times / seconds
+    share = np.sin(math.pi * u) ** 2
+    slope = math.pi / seconds * np.sin(2.0 * math.pi * u)
+    slope[[0, -1]] = 0.0
+    segment = Segment("swing", times, home[rows] + np.outer(share, swing), np.outer(slope, swing))
+    return Plan("plan", "swing", "", joints, (segment,), {}, home[rows], 0.0, 0.0)
+
+
+def test_a_stroke_of_arms_alone_is_held_to_what_the_ground_and_the_legs_bear(standing):
+    description, planner = standing
+    home, joints = description.home_position("ready"), tuple(each for each in description.joints if each in ARMS)
+    rows, swing = description.index(joints), np.full(len(joints), 0.3)
+    planner.check_stand(swung(home, joints, rows, swing, 4.0), home)
+    ground = "friction|centre of pressure|load of the feet|force of a foot|torque limits"
+    with pytest.raises(Infeasible, match=f"swing: ({ground})"):
+        planner.check_stand(swung(home, joints, rows, swing, 0.12), home)
+    weak = description.torque_limit.copy()
+    weak[description.index(["leg_right_4_joint"])] = 1.0
+    limits = Limits(0.7 * description.velocity_limit, 0.5 * description.acceleration_limit)
+    lame = MotionPlanner(replace(description, torque_limit=weak), Kinematics(description), limits, standing=True)
+    with pytest.raises(Infeasible, match=r"swing: torque limits \(leg_right_4_joint\) is .* N·m at"):
+        lame.check_stand(swung(home, joints, rows, swing, 4.0), home)
+
+
 def test_arms_that_swing_so_hard_that_a_foot_slips_are_told_by_foot_time_value_and_limit(standing):
     """The same swing eight times as slow passes."""
     description, planner = standing
@@ -80,14 +108,7 @@ def test_arms_that_swing_so_hard_that_a_foot_slips_are_told_by_foot_time_value_a
     fast = Limits(np.full(len(rows), 99.0), np.full(len(rows), 9999.0))
 
     def found(seconds: float):
-        times = np.linspace(0.0, seconds, 41)
-        u = times / seconds
-        share = np.sin(math.pi * u) ** 2
-        slope = math.pi / seconds * np.sin(2.0 * math.pi * u)
-        slope[[0, -1]] = 0.0
-        swung = Segment("swing", times, home[rows] + np.outer(share, swing), np.outer(slope, swing))
-        plan = Plan("plan", "swing", "", joints, (swung,), {}, home[rows], 0.0, 0.0)
-        torque = np.full(len(rows), 1e6)
+        plan, torque = swung(home, joints, rows, swing, seconds), np.full(len(rows), 1e6)
         return verifier.violations(plan, fast, at, torque=torque, feet=planner.feet)
 
     ground = ("friction", "centre of pressure", "load of the feet", "force of a foot")

@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor, QFont, QPainter, QPainterPath, QPen, QPolygonF
 from PySide6.QtQuick import QQuickItem, QQuickPaintedItem
 
 from tablet_client.code_desk import CodeDesk
-from tablet_client.models.canvas.canvas import TEXTS
+from tablet_client.models.canvas.canvas import TEXTS, WAY
 from tablet_client.models.canvas.chart import State
 from tablet_client.models.canvas.picture import Curve
 from tablet_client.models.situation import Situation
@@ -213,6 +213,7 @@ class CanvasDesk(QObject):
         state, launch = canvas.state, self._situation.launch
         view = {
             "there": picture is not None,
+            "start": self._start(),
             "width": picture.width if picture else 0.0,
             "height": picture.height if picture else 0.0,
             "problem": canvas.problem,
@@ -231,6 +232,16 @@ class CanvasDesk(QObject):
             self._view = view
             self.changed.emit()
 
+    def _start(self) -> dict[str, float]:
+        """The middle of what one looks for first: the state that runs, else the one that is entered first."""
+        chart, picture, active = self._canvas.chart, self._canvas.picture, self._active()
+        if chart is None or picture is None or not picture.boxes:
+            return {"x": 0.0, "y": 0.0}
+        inner = [name for name in picture.boxes if name in active and not chart.within(name)]
+        first = [state.name for state in chart.states.values() if state.initial and not state.parent]
+        x, y = picture.boxes[(inner or first or list(picture.boxes))[0]].middle
+        return {"x": x, "y": y}
+
     def _active(self) -> set[str]:
         """States of this program that a run is in."""
         run, document = self._situation.task.run, self._canvas.document
@@ -240,12 +251,10 @@ class CanvasDesk(QObject):
 
     def _state(self, state: State) -> dict[str, Any]:
         way = state.ways[self._canvas.way] if self._canvas.way >= 0 else None
-        of = state.fields if way is None else {**state.fields, **{"title": state.fields.get("title")}}
-        fields = {field: _text(of.get(field)) for field in TEXTS}
+        fields = {field: _text(state.fields.get(field)) for field in TEXTS}
         if way is not None:
-            fields |= {
-                field: _text(way.fields.get(field)) for field in ("event", "cond", "after", "target", "autonomy")
-            }
+            fields |= {field: _text(way.fields.get(field)) for field in WAY}
+            fields["set"] = self._canvas.set_text()
         return {
             **fields,
             "name": state.name,

@@ -76,12 +76,12 @@ Item {
     Rectangle { // drag it to where a new way should lead
         id: handle
         visible: box.selected
-        anchors { horizontalCenter: parent.horizontalCenter; verticalCenter: parent.bottom }
+        anchors { horizontalCenter: parent.horizontalCenter; top: parent.bottom; topMargin: -Math.round(10 * Theme.scale) }
         width: Theme.touch
         height: Theme.touch
         color: "transparent"
         Rectangle {
-            anchors.centerIn: parent
+            anchors { horizontalCenter: parent.horizontalCenter; top: parent.top }
             width: Math.round(20 * Theme.scale); height: width; radius: width / 2
             color: Theme.accent
             border { width: 2; color: Theme.panel }

@@ -127,6 +127,7 @@ Flickable {
         Line { visible: form.ofWay; field: "after"; label: qsTr("After, in s"); value: form.state.after || ""; hint: qsTr("no time-out") }
         Line { visible: form.ofWay; field: "cond"; label: qsTr("Only if"); value: form.state.cond || ""; hint: qsTr("always") }
         Line { visible: form.ofWay; field: "target"; label: qsTr("Leads to"); value: form.state.target || ""; hint: qsTr("it stays") }
+        Line { visible: form.ofWay; field: "set"; label: qsTr("Sets"); value: form.state.set || ""; hint: qsTr("nothing: {variable: expression}") }
         Line { visible: form.ofWay; field: "autonomy"; label: qsTr("Asked up to the level"); value: form.state.autonomy || ""; hint: qsTr("not asked: off, low, high or full") }
 
         Caption { visible: form.there && (form.state.ways || []).length > 0; text: qsTr("Ways out") }

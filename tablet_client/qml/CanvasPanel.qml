@@ -40,9 +40,15 @@ Panel {
     function settle() {
         if (!visible || !view.there || flick.width < 50) return
         if (_fitted !== code.view.current) { _fitted = code.view.current; _zoomed = false }
-        if (!_zoomed) fit()
+        if (_zoomed) return
+        fit()
+        if (zoom >= 0.6) return
+        zoom = 0.6 // what is smaller can't be read: from where it begins, or is
+        const start = view.start
+        flick.contentX = Math.max(0, Math.min(start.x * zoom - flick.width / 2, flick.contentWidth - flick.width))
+        flick.contentY = Math.max(0, Math.min(start.y * zoom - flick.height / 3, flick.contentHeight - flick.height))
     }
-    onViewChanged: settle()
+    onViewChanged: if (view.there && _fitted !== code.view.current) settle()
 
     RowLayout {
         anchors { fill: parent; margins: Math.round(14 * Theme.scale) }

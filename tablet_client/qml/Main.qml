@@ -39,6 +39,19 @@ Window {
     readonly property int started: desk.library.view.started
     onStartedChanged: if (started > 0) Pages.open("task")
 
+    property bool mayClose: false
+    onClosing: close => {
+        closeQuestion.unsaved = desk.workshop.code.view.unsaved
+        if (mayClose || closeQuestion.unsaved === 0) return
+        close.accepted = false
+        closeQuestion.visible = true
+    }
+    CloseQuestion {
+        id: closeQuestion
+        anchors.centerIn: parent
+        onCloseAnyway: { window.mayClose = true; window.close() }
+    }
+
     ColumnLayout {
         anchors.fill: parent
         spacing: 0

@@ -22,6 +22,7 @@ from tablet_client.models.canvas import picture
 from tablet_client.models.canvas.canvas import Canvas
 from tablet_client.models.canvas.chart import read
 from tablet_client.models.code import Code
+from tests.tablet.shown import judge
 
 TEXT = """\
 # What it is for.
@@ -152,13 +153,18 @@ def test_fields_of_states_and_ways_are_typed_and_what_is_wrong_is_said(canvas):
     canvas.put("with", "text: Really?\noptions: [yes]")
     assert canvas.state.fields["with"] == {"text": "Really?", "options": ["yes"]}
     canvas.put("with", "no mapping")
-    assert "with: got 'no mapping'; expected lines of name: value" in canvas.said
+    assert "with: got 'no mapping'; expected name: value" in canvas.said
     canvas.put("with", "")
     assert "with" not in canvas.state.fields and canvas.said == ""
     canvas.select("asking", 0)
     canvas.put("cond", "")
     canvas.put("after", "3.5")
     assert dict(canvas.state.ways[0].fields) == {"event": "done.invoke.asking", "target": "turning", "after": 3.5}
+    canvas.select("asking", 1)
+    canvas.put("set", "{why: failure, n: n + 1}")
+    assert canvas.state.ways[1].fields["set"] == {"why": "failure", "n": "n + 1"}
+    canvas.put("set", "why")
+    assert "set: got 'why'; expected" in canvas.said
     canvas.select("drawing")
     canvas.mark("initial", True)
     assert canvas.state.initial and not canvas.chart.states["pushing"].initial
@@ -189,7 +195,7 @@ def test_a_program_that_is_no_yaml_says_so(canvas):
 
 @pytest.mark.window
 def test_by_mouse_a_state_is_edited_connected_and_saved_while_the_program_runs(robot: Any, show: Any) -> None:
-    from PySide6.QtCore import QPointF, Qt
+    from PySide6.QtCore import QPoint, QPointF, Qt
     from PySide6.QtTest import QTest
 
     answer, saved = robot.answer, []
@@ -225,7 +231,6 @@ def test_by_mouse_a_state_is_edited_connected_and_saved_while_the_program_runs(r
     click(middle("asking"))
     shown.until(lambda: view.view["state"].get("name") == "asking")
     title = shown.item("canvas_title")
-    shown.window.grabWindow().save("/tmp/canvas.png")
     title.forceActiveFocus()
     for key in (Qt.Key.Key_S, Qt.Key.Key_U, Qt.Key.Key_R, Qt.Key.Key_E):
         shown.key(key)
@@ -233,7 +238,7 @@ def test_by_mouse_a_state_is_edited_connected_and_saved_while_the_program_runs(r
     shown.until(lambda: "title: sure" in shown.desk.situation.canvas.document.text)
 
     # From its dot to another state.
-    start, end = middle("asking", 1.0), middle("done")
+    start, end = middle("asking", 1.0) + QPoint(0, 4), middle("done")
     QTest.mousePress(shown.window, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, start)
     for step in range(1, 9):
         QTest.mouseMove(shown.window, start + (end - start) * step / 8)
@@ -245,6 +250,11 @@ def test_by_mouse_a_state_is_edited_connected_and_saved_while_the_program_runs(r
     shown.until(lambda: len(view.view["state"]["ways"]) == 2)
     shown.press("canvasRedo")
 
+    assert not shown.window.close() and shown.window.isVisible(), "what was not saved is asked about first"
+    judge(shown, (1024, 640))
+    shown.press("keepOpen")
+    assert shown.words("Pages.current") == "code"
+    shown.press("tab_canvas")
     shown.press("canvasSave")
     shown.until(lambda: saved)
     assert saved[0].was == TEXT and "# gladly" in saved[0].text and "target: done" in saved[0].text
@@ -254,3 +264,11 @@ def test_by_mouse_a_state_is_edited_connected_and_saved_while_the_program_runs(r
     zoom = shown.item("page_canvas").property("item").property("zoom")
     shown.press("canvasIn")
     shown.until(lambda: shown.item("page_canvas").property("item").property("zoom") > zoom)
+
+    click(middle("failed"))
+    shown.until(lambda: view.view["state"].get("name") == "failed")
+    shown.press("canvasRemove")
+    shown.until(lambda: shown.desk.workshop.code.view["unsaved"] == 1)
+    shown.window.close()
+    shown.press("closeAnyway")
+    shown.until(lambda: not shown.window.isVisible())

@@ -20,6 +20,8 @@ from tablet_client.models.code import Code, Document
 
 _UNDO = 200
 """steps that are kept"""
+WAY = ("event", "cond", "after", "target", "set", "autonomy")
+"""fields of a transition"""
 TEXTS = ("title", "do", "outcome", "detail", "event", "cond", "target", "autonomy")
 """fields that are texts as they are typed"""
 
@@ -98,11 +100,12 @@ class Canvas:
 
     def with_text(self) -> str:
         """What the selected state's activity is given, a line each."""
-        given = self.state.fields.get("with") if self.state is not None else None
-        if not isinstance(given, Mapping) or not given:
-            return ""
-        plain = msgspec.to_builtins(given)
-        return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000).strip()
+        return _dumped(self.state.fields.get("with"), None) if self.state is not None else ""
+
+    def set_text(self) -> str:
+        """What the selected way sets, on one line."""
+        way = self.state.ways[self.way] if self.state is not None and self.way >= 0 else None
+        return _dumped(way.fields.get("set"), True) if way is not None else ""
 
     # ------------------------------------------------------------------------------------------------------- selected
 
@@ -189,7 +192,7 @@ class Canvas:
         state, way = self.state, self.way
         if state is None:
             return
-        of_way = way >= 0 and field in ("event", "cond", "after", "target", "autonomy")
+        of_way = way >= 0 and field in WAY
         path: list[str | int] = ["transitions", way, field] if of_way else [field]
         had = state.ways[way].fields if of_way else state.fields
         try:
@@ -227,8 +230,8 @@ class Canvas:
             value = yaml_file.parse(typed) if typed.strip() else None
         except yaml_file.NotYAML as problem:
             raise ValueError(problem.problem) from problem
-        if field == "with" and value is not None and not isinstance(value, Mapping):
-            raise ValueError(f"got {typed!r}; expected lines of name: value")
+        if field in ("with", "set") and value is not None and not isinstance(value, Mapping):
+            raise ValueError(f"got {typed!r}; expected name: value, each on a line or all of them in braces")
         return value
 
     def _edit(self, change: Callable[[ProgramText], object]) -> bool:
@@ -273,3 +276,10 @@ class Canvas:
             others.setdefault(document.key, []).append(document.text)
             self._code.put(document.key, steps[document.key].pop())
             self.said = ""
+
+
+def _dumped(given: Any, flow: bool | None) -> str:
+    if not isinstance(given, Mapping) or not given:
+        return ""
+    plain = msgspec.to_builtins(given)
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=flow, width=1000).strip()

@@ -163,6 +163,7 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
         elif page == "health":
             desk.health.choose("engine")
             camera.until(lambda: desk.health.view["log"], "what the engine said")
+            camera.turn(8.0)  # processes are looked at twice before it is known what they take
         elif page == "recordings":
             robot.call(Mark(text="the wheel is placed"))
             robot.call(StopRecording())

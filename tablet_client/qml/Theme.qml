@@ -16,7 +16,7 @@ QtObject {
     readonly property color line: dark ? "#28323c" : "#c5ced8"
     readonly property color text: dark ? "#e9eef3" : "#141b22"
     readonly property color muted: dark ? "#9aa8b6" : "#4a5763"
-    readonly property color faint: dark ? "#6b7885" : "#6d7985"
+    readonly property color faint: dark ? "#8693a0" : "#586470"
     readonly property color code: dark ? "#b9d7f2" : "#12466f"
     readonly property color accent: dark ? "#58b1ff" : "#1168b8"
     readonly property color accentDeep: dark ? "#1d5f9e" : "#1168b8"

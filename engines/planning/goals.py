@@ -11,10 +11,19 @@ import pinocchio as pin
 
 from affordance_templates.instance import Instance
 from engines.planning.collision.obstacles import placement_of
-from engines.planning.ik.constraints import Constraint, Direction, Gaze, Position, Posture
+from engines.planning.ik.constraints import CentreOfMass, Constraint, Direction, Gaze, Position, Posture
 from engines.planning.ik.constraints import Pose as PoseConstraint
 from engines.planning.ik.mechanism import Mechanism
-from handrail.messages import FrameGoal, GazeGoal, Goal, JointsGoal, Pose, PostureGoal, RelationGoal
+from handrail.messages import (
+    CentreOfMassGoal,
+    FrameGoal,
+    GazeGoal,
+    Goal,
+    JointsGoal,
+    Pose,
+    PostureGoal,
+    RelationGoal,
+)
 from handrail.robot.description import RobotDescription
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -80,6 +89,8 @@ class GoalReader:
                     name=words,
                 )
                 return [sight]
+            case CentreOfMassGoal():
+                return [self._mass(goal, where)]
 
     def _sight(self, goal: GazeGoal) -> tuple[str, tuple[float, float, float]]:
         """Frame and axis that look: of a camera, where the frame is one's name."""
@@ -137,6 +148,21 @@ class GoalReader:
             return [position]
         return [PoseConstraint(target=target, lower=lower, upper=upper, angle=goal.angle, **shared)]  # type: ignore[arg-type]
 
+    def _mass(self, goal: CentreOfMassGoal, where: str) -> CentreOfMass:
+        _finite(where, position=goal.position, across=(goal.across or 0.0,), height=(goal.height or 0.0,))
+        if goal.across is None and goal.height is None:
+            raise ValueError(f"{where}: got no bound across or in height; expected a goal that says something")
+        middle = self.world.act(np.array(goal.position))
+        room = np.array([math.inf if x is None else x for x in (goal.across, goal.across, goal.height)])
+        share, (a, b, c) = self.mechanism.whole_mass
+        return CentreOfMass(
+            lower=tuple((middle - room).tolist()),
+            upper=tuple((middle + room).tolist()),
+            share=share,
+            held=(float(a), float(b), float(c)),
+            name=f"{where} (centre of mass)",
+        )
+
     def _base(self, goal: FrameGoal | GazeGoal, where: str) -> pin.SE3:
         """Where the frame is that a goal is said in: in the world, or in `in_frame`."""
         if not goal.instance:
@@ -176,6 +202,8 @@ def described(goal: Goal, tip: str) -> str:
             return f"{goal.frame or tip} to {' '.join(filter(None, (goal.instance, goal.feature))) or goal.in_frame or 'a pose'}"
         case GazeGoal():
             return f"{goal.frame} looks at {goal.instance or goal.in_frame or 'a point'}"
+        case CentreOfMassGoal():
+            return "centre of mass"
 
 
 def feature_of(instance: Instance, feature: str, field: str = "feature") -> pin.SE3:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from engines.planning.ik.constraints import Constraint, Direction, Gaze, Orientation, Pose, Position
+from engines.planning.ik.constraints import CentreOfMass, Constraint, Direction, Gaze, Orientation, Pose, Position
 from engines.planning.ik.report import Measure
 from handrail.messages import PlanGave
 
@@ -56,4 +56,4 @@ def _goal_of(one: Constraint) -> str:
 def _is(one: Constraint, part: str | None) -> bool:
     if part is None:
         return True
-    return isinstance(one, Position if part == "position" else (Orientation, Direction, Gaze))
+    return isinstance(one, (Position, CentreOfMass) if part == "position" else (Orientation, Direction, Gaze))

@@ -103,6 +103,7 @@ from handrail.messages.engines import (
 )
 from handrail.messages.goals import (
     Along,
+    CentreOfMassGoal,
     FrameGoal,
     GazeGoal,
     Goal,
@@ -326,6 +327,7 @@ __all__ = [
     "CancelAction",
     "CancelPlanning",
     "CartesianImpedance",
+    "CentreOfMassGoal",
     "Challenge",
     "CheckIn",
     "CheckTask",

@@ -70,7 +70,18 @@ class GazeGoal(msgspec.Struct, tag="gaze", kw_only=True, forbid_unknown_fields=T
     """rad, half-angle"""
 
 
-Goal = JointsGoal | PostureGoal | RelationGoal | FrameGoal | GazeGoal
+class CentreOfMassGoal(msgspec.Struct, tag="centre_of_mass", kw_only=True, forbid_unknown_fields=True):
+    """The robot's centre of mass, what is held of it included, is at a place."""
+
+    position: tuple[float, float, float]
+    """m, world"""
+    across: Room = 0.0
+    """m, that it may be off to the front, back and either side, as the robot's base (or the sole it stands on) is turned"""
+    height: Room = 0.0
+    """m, that it may be above or below"""
+
+
+Goal = JointsGoal | PostureGoal | RelationGoal | FrameGoal | GazeGoal | CentreOfMassGoal
 
 
 class KeyFrame(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):

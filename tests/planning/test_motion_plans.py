@@ -28,6 +28,7 @@ from engines.planning.verifier import Verifier, Violation
 from engines.planning.waiting import Cancelled
 from handrail.messages import (
     Along,
+    CentreOfMassGoal,
     FrameGoal,
     GazeGoal,
     JointsGoal,
@@ -240,6 +241,27 @@ def test_what_is_kept_is_kept_all_the_way(bench):
     assert caught.value.unit == "rad"
 
 
+def test_the_whole_mass_goes_where_it_is_asked_to_while_a_hand_stays(bench):
+    """Judged with the base's own mass, by pinocchio on a free base."""
+    free = pin.buildModelFromUrdf(str(bench.description.urdf), pin.JointModelFreeFlyer())
+
+    def centre(position: np.ndarray) -> np.ndarray:
+        q = pin.neutral(free)
+        for joint, x in zip(bench.description.joints, position, strict=True):
+            q[free.idx_qs[free.getJointId(joint)]] = x
+        return np.array(pin.centerOfMass(free, free.createData(), q))
+
+    before, hand = centre(bench.home), bench.pose(bench.home)
+    goal = CentreOfMassGoal(position=tuple((before + np.array([0.0, 0.02, 0.0])).tolist()), height=None)
+    stays = FrameGoal(frame=bench.tip, pose=hand, angle=0.02)
+    plan = bench.plan(goals=[goal, stays], keep=[stays], joints=["torso", "arm_right", "arm_left"])
+    ways = bench.positions(plan)
+    assert np.abs((centre(ways[-1]) - before)[:2] - [0.0, 0.02]).max() < 2 * LENGTH
+    assert max(np.linalg.norm(bench.frame(q).translation - hand.position) for q in ways) < 20 * LENGTH
+    with pytest.raises(Infeasible, match=r"goals\[0\] \(centre of mass\) \(z\)"):
+        bench.plan(goals=[CentreOfMassGoal(position=(0.0, 0.0, 3.0), across=None)])
+
+
 @pytest.fixture(scope="module")
 def engaged(bench, wheel_at):
     """A wheel, and all joints where the tool is in it."""
@@ -300,6 +322,8 @@ def test_what_a_joint_leads_out_of_reach_is_told_by_how_much_of_the_way_is_done(
         ({"goals": [FrameGoal(instance="whel", pose=NOWHERE)]}, r"goals\[0\].instance: got 'whel'; expected one of wheel_1"),
         ({"goals": [FrameGoal(instance="wheel_1", feature="axle", pose=NOWHERE)]}, r"feature: got 'axle'; expected one of hinge"),
         ({"goals": [GazeGoal(frame="head_2_link", axis=(0, 0, 0), cone=0.1)]}, r"axis: got \(0, 0, 0\); expected a direction"),
+        ({"goals": [CentreOfMassGoal(position=(0.0, math.nan, 0.0))]}, r"goals\[0\].position: .*nan.*finite"),
+        ({"goals": [CentreOfMassGoal(position=(0.0, 0.0, 0.0), across=None, height=None)]}, r"goals\[0\]: got no bound"),
         ({"goals": [JointsGoal(positions={"elbow": 0.1})]}, r"goals\[0\].positions: got 'elbow'; expected joints"),
         ({"goals": [JointsGoal(positions={"arm_right_4_joint": 0.4})]}, r"arm_right_4_joint\]: got 0.4; expected .* limits"),
         ({"goals": [PostureGoal(name="redy")]}, r"goals\[0\].name: got 'redy'; expected one of ready"),

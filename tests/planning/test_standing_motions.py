@@ -11,7 +11,7 @@ import pytest
 
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
-from handrail.messages import Base, Foot, FrameGoal, JointsGoal, PlanMotion, Pose, WholeBody
+from handrail.messages import Base, CentreOfMassGoal, Foot, FrameGoal, JointsGoal, PlanMotion, Pose, WholeBody
 from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
 
@@ -100,6 +100,16 @@ def test_the_whole_body_goes_down_on_feet_that_stay_with_its_mass_over_them(plan
     motion = plan.motion(plan.segments[0])
     assert isinstance(motion, WholeBody)
     assert motion.compound == "follow"
+
+
+def test_the_centre_of_mass_goes_down_over_feet_that_stay(planners, truth):
+    before, joints = truth.centre(truth.home), list(truth.description.joints)
+    goal = CentreOfMassGoal(position=tuple((before - [0.0, 0.0, 0.04]).tolist()), across=0.02)
+    plan = planners.motion(PlanMotion(goals=[goal], joints=joints), [], truth.home, base=BASE)
+    positions = truth.positions(plan)
+    assert truth.centre(positions[-1])[2] == pytest.approx(before[2] - 0.04, abs=2e-4)
+    left = truth.frame(truth.home, "left_sole_link")
+    assert max(np.linalg.norm(pin.log6(left.actInv(truth.frame(q, "left_sole_link"))).vector) for q in positions) < 5e-3
 
 
 def test_what_would_fall_over_is_refused_by_the_balance(planners, truth):

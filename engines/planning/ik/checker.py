@@ -97,6 +97,7 @@ class Checker:
                 com = self._frame(constraint.in_frame).actInv(
                     pin.centerOfMass(self._mechanism.model, self._data, pin.POSITION, False)
                 )
+                com = constraint.share * com + np.array(constraint.held)
                 for axis, lower, upper, value in zip(_AXES, constraint.lower, constraint.upper, com, strict=True):
                     yield Measure(constraint.label, axis, float(value), lower, upper, "m")
             case kinds.Balance():

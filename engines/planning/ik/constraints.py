@@ -280,15 +280,28 @@ class Clearance(Constraint):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CentreOfMass(Constraint):
-    """The centre of mass lies in a box in `in_frame`."""
+    """The centre of mass lies in a box in `in_frame`.
+
+    Of what moves, as pinocchio counts it; of the robot with what stands still where `share` and `held` say how the one follows from
+    the other: share · (of what moves) + held (`Mechanism.whole_mass`).
+    """
 
     lower: Vector
     upper: Vector
     in_frame: str = WORLD
+    share: float = 1.0
+    """of the robot's mass, that moves"""
+    held: Vector = _ORIGIN
+    """m, world: what stands still adds to the centre"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_bounds(self.lower, self.upper)
+        self._check_finite(held=self.held)
+        if not 0.0 < self.share <= 1.0:
+            self._refuse("share", self.share, "above 0, up to 1")
+        if self.in_frame and (self.share, self.held) != (1.0, _ORIGIN):
+            self._refuse("in_frame", repr(self.in_frame), "the world, where what stands still counts")
 
     def _words(self) -> str:
         return "centre of mass"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -58,6 +59,13 @@ class Mechanism:
         self._frames: dict[str, int] = {}
         self._places: dict[str, tuple[int, Array]] = {}
         self._rows = dict(zip(self.joints, self.v_rows.tolist(), strict=True))
+
+    @cached_property
+    def whole_mass(self) -> tuple[float, Array]:
+        """share, held (3,) m: the robot's centre of mass is share · pinocchio's + held, which leaves out what stands still."""
+        still, moving = self.model.inertias[0], pin.computeTotalMass(self.model)
+        whole = still.mass + moving
+        return moving / whole, np.array(still.mass * still.lever / whole)
 
     @classmethod
     def of(cls, kinematics: Kinematics, *, free_base: bool = False) -> Mechanism:

@@ -203,7 +203,8 @@ class _Builder:
     def _centre_of_mass(self, c: kinds.CentreOfMass) -> None:
         b = self._on(c.in_frame)
         axes = [k for k in range(3) if c.lower[k] > -np.inf or c.upper[k] < np.inf]
-        self._items(kernels.COM, _WORLD, b, [c.lower[k] for k in axes], [c.upper[k] for k in axes], _AXES[axes])
+        lower, upper = ([(bound[k] - c.held[k]) / c.share for k in axes] for bound in (c.lower, c.upper))
+        self._items(kernels.COM, _WORLD, b, lower, upper, _AXES[axes])
 
     def _balance(self, c: kinds.Balance) -> None:
         places = [self._on(frame, None, point) for frame, points in c.contacts.items() for point in points]

@@ -48,7 +48,7 @@ class CompliantMotion(CartesianImpedance):
 
     def reference(self, robot: RobotState) -> tuple[Array, Array, Array]:
         rotation, translation, twist = super().reference(robot)
-        axes, rate = self._task_axes(rotation), self.clock.rate
+        axes, rate = self._task_axes(rotation), self.clock.pace
         felt = (robot.wrenches[self._frame].reshape(2, 3) @ axes).ravel()
         speed = (self._force + felt - self._spring * self.offset) / self._damping
         speed = np.where(self._on, np.clip(speed, -self._speed, self._speed), 0.0) * rate

@@ -18,7 +18,7 @@ from handrail.robot.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 
-_JACOBIAN_DAMPING = 0.05
+JACOBIAN_DAMPING = 0.05
 _LOOKS = 21
 _SHORTEST = 0.05
 """s over which gains change at least: what is left of a path may be next to nothing"""
@@ -27,7 +27,7 @@ _SHORTEST = 0.05
 def damped_inverse(jacobian: Array) -> Array:
     """Jᵀ (J Jᵀ + λ² I)⁻¹, (m, 6) (Nakamura and Hanafusa 1986)."""
     normal = jacobian @ jacobian.T
-    normal.flat[::7] += _JACOBIAN_DAMPING**2
+    normal.flat[::7] += JACOBIAN_DAMPING**2
     return np.asarray(np.linalg.solve(normal, jacobian).T, np.float64)
 
 

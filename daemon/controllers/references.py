@@ -33,7 +33,7 @@ SLOWEST = 0.1
 
 
 class PathClock:
-    """The path parameter s, s, with its rate ds/dt in [0, 1] from 1 at the start."""
+    """The path parameter s, s, with its rate in [0, 1] from 1 at the start: ds/dt, but where the path is waited for."""
 
     def __init__(self, length: float, period: float):
         """`length`: s at the path's end; `period`: of the loop, s."""
@@ -43,6 +43,8 @@ class PathClock:
         """the rate that it has, or comes to, where nobody holds it"""
         self.room: Callable[[], tuple[float, float]] | None = None
         """the rate's acceleration 1/s and jerk 1/s² that the rest of the path leaves room for"""
+        self.share = 1.0
+        """of the rate, in [0, 1]: what whoever follows the path keeps up with now"""
         self._target = 1.0
         self._ruckig = Ruckig(1, period)
         self._input, self._output = InputParameter(1), OutputParameter(1)
@@ -94,15 +96,20 @@ class PathClock:
     def advance(self) -> None:
         """Move on by one cycle."""
         if self._steady:
-            self.s = min(self.s + self.rate * self._period, self.length)
+            self.s = min(self.s + self.pace * self._period, self.length)
             return
-        self._input.current_position = [self.s]
+        self._input.current_position = [0.0]
         self._ruckig.update(self._input, self._output)
         self._output.pass_to_input(self._input)
-        self.s = min(self._output.new_position[0], self.length)
+        self.s = min(self.s + self.share * self._output.new_position[0], self.length)
         self.rate = min(max(self._output.new_velocity[0], 0.0), 1.0)
         if abs(self.rate - self._target) < 1e-9 and abs(self._output.new_acceleration[0]) < 1e-9:
             self.rate, self._steady = self._target, True
+
+    @property
+    def pace(self) -> float:
+        """ds/dt."""
+        return self.rate * self.share
 
     @property
     def at_end(self) -> bool:

@@ -1,4 +1,4 @@
-"""Lines that joints can't follow, judged by the plant: the line waits for them, no drive runs away, and a joint in the way is named."""
+"""Lines that joints can't follow, judged by the plant: the line waits for them, and a joint in the way is named."""
 
 from __future__ import annotations
 

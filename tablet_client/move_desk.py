@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import Property, QObject, QTimer, Signal, Slot
 
 from handrail.messages import Jog, Message
-from tablet_client.models.move import MODES, TURNS
+from tablet_client.models.move import AIMS, MODES, TURNS
 from tablet_client.models.quantities import in_unit
 from tablet_client.models.situation import Situation
 from tablet_client.rows import Rows
@@ -126,14 +126,26 @@ class MoveDesk(QObject):
 
     # ---------------------------------------------------------------------------------------------- only shown, plans
 
-    @Slot(bool)
-    def showTarget(self, on: bool) -> None:
-        """A handle at the tool, to drag where it is to go."""
-        if on and not self.why("target"):
+    @Slot(str)
+    def showTarget(self, aim: str) -> None:
+        """A handle at the tool (`tool`) or at the centre of mass (`mass`), to drag where it is to go; empty: none."""
+        if aim in AIMS and not self.why("target"):
             self._situation.bench.select("")
-            self._move.show_target()
-        elif not on:
+            self._move.show_target(aim)
+        elif not aim:
             self._move.drop_target()
+        self._soon()
+
+    @Slot(int, float)
+    def place(self, axis: int, millimetres: float) -> None:
+        """The target's place along the world's x, y or z is typed."""
+        self._move.place(axis, millimetres / 1000.0)
+        self._soon()
+
+    @Slot(str, bool)
+    def keep(self, what: str, on: bool) -> None:
+        """Something is to hold while it goes there (tablet_client.models.whole_body.KEPT), or not any more."""
+        self._move.keep(what, on)
         self._soon()
 
     @Slot(str, float)
@@ -208,7 +220,13 @@ class MoveDesk(QObject):
             "relax": move.relax,
             "fine": move.fine,
             "snap": move.snap,
-            "target": move.target is not None,
+            "target": "" if move.target is None else move.aim,
+            "place": [] if move.target is None else [round(1000.0 * float(x), 1) for x in move.target[:3, 3]],
+            "fixed": [each for each in "xyz" if f"t{each}" not in move.parts],
+            "offered": move.offered if move.target is not None else [],
+            "kept": sorted(move.kept),
+            "lost": move.lost,
+            "on_feet": move.on_feet,
             "shown": move.plannable,
             "reached": move.reached,
             "off": in_unit("m", off),

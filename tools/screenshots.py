@@ -145,7 +145,7 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
         desk.bench.select("wheel_1" if page == "objects" else "")
         if page == "move":
             camera.until(desk.move.joints.rowCount, "the robot's joints")
-            desk.move.showTarget(True)
+            desk.move.showTarget("tool")
             move = desk.situation.move
             move.target[:3, 3] += (0.05, 0.05, 0.08)
             move.count("all")

@@ -6,6 +6,7 @@ Arrows move along an axis, rings turn about one. Everything is worked out from t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +28,10 @@ def size(view: View, pose: Array) -> float:
     return max(float(_SHARE * np.linalg.norm(pose[:3, 3] - view.eye)), 0.02)
 
 
-def part_at(view: View, pose: Array, x: float, y: float) -> str:
-    """The part under a finger, nearest first; empty: none."""
+def part_at(view: View, pose: Array, x: float, y: float, parts: Sequence[str] = PARTS) -> str:
+    """The part under a finger, nearest first, of those that there are; empty: none."""
     best, found = _GRASP, ""
-    for part in PARTS:
+    for part in parts:
         pixels, depths = view.project(_line(pose, part, size(view, pose)))
         if (depths <= 0).any():
             continue

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from affordance_templates.placement import to_message
-from handrail.messages import FrameGoal, Jog, JointsGoal, Message, PlanMotion
-from handrail.messages.goals import Goal
+from handrail.messages import Jog, JointsGoal, Message, PlanMotion
 from tablet_client.models import handle
-from tablet_client.models.limbs import Chain, Limb, Solution
+from tablet_client.models.limbs import Limb, Solution
+from tablet_client.models.posture import Chain
 from tablet_client.models.view import Array, View
+from tablet_client.models.whole_body import KEPT, Camera, Target, WholeBody
 
 AHEAD, BRAKE = 0.4, 0.15
 """s: how far ahead of the robot a held motion's place is, and how far when it is let go"""
@@ -28,6 +28,8 @@ STEPS = {"fine": {"t": 0.001, "r": math.radians(1), "j": math.radians(1)}}
 STEPS["coarse"] = {"t": 0.01, "r": math.radians(5), "j": math.radians(5)}
 """m, rad: what a tap goes by"""
 MODES = (*STEPS, "hold")
+AIMS = ("tool", "mass")
+"""what a target is of: an arm's tool, the centre of mass"""
 TURNS = ("all", "z", "none")
 """what of the target's orientation counts: all, the tool's axis, nothing"""
 _NUDGE = 0.1  # share of the velocity limits
@@ -66,7 +68,12 @@ class Move:
         self.hot = ""
         """the part of the target's handle that a finger is on"""
         self.target: Array | None = None
-        """(4, 4), world: where the tool is to go; none: the handle is not shown"""
+        """(4, 4), world: where the tool, or the centre of mass, is to go; none: the handle is not shown"""
+        self.aim = "tool"
+        """of AIMS: whose target it is"""
+        self.kept: set[str] = set()
+        """of KEPT, what was chosen"""
+        self._body: WholeBody | None = None
         self.sliders: dict[str, float] = {}
         """joint → rad or m, where it was put on its slider"""
         self.stamp = 0
@@ -85,9 +92,11 @@ class Move:
 
     def meet(
         self, model: object, chain: Chain, tips: Mapping[str, str], arms: Mapping[str, Sequence[str]],
-        limits: tuple[Array, Array, Array],
+        limits: tuple[Array, Array, Array], *, feet: Sequence[str] = (), cameras: Sequence[Camera] = (),
     ) -> None:  # fmt: skip
-        """Another robot: `tips` arm → link, `arms` arm → joints, `limits` lower, upper, velocity (n,) in the chain's order."""
+        """Another robot: `tips` arm → link, `arms` arm → joints, `limits` lower, upper, velocity (n,) in the chain's order, `feet`
+        the soles' links.
+        """
         if model is self._model:
             return
         self._model, self._joints, self._limits = model, tuple(chain.joints), limits
@@ -97,11 +106,12 @@ class Move:
             own = [joint for joint in joints if joint not in others]  # the torso would take the other arm along
             if arm in tips and own:
                 self._limbs[arm] = Limb(chain, tips[arm], own, limits[0], limits[1])
+        self._body = WholeBody(chain, tips, arms, limits[0], limits[1], feet=feet, cameras=cameras)
         self.drop_target()
         self.reset()
 
-    def stands(self, command: Array, base: Array, moving: bool) -> None:
-        """Where the robot is commanded to be, rad (n,) in the chain's order, and where its base is (4, 4)."""
+    def stands(self, command: Array, base: Array, moving: bool, *, on_feet: bool = False) -> None:
+        """Where the robot is commanded to be, rad (n,) in the chain's order, where its base is (4, 4), and whether it stands."""
         if not moving and self._held is None:
             self._sent = None
         if not np.array_equal(self._command, command):
@@ -109,6 +119,13 @@ class Move:
             if self.target is None and self.sliders:
                 self._show()
         self._base = base
+        if self._body is not None:
+            self._body.stands(command, base, on_feet)
+
+    @property
+    def on_feet(self) -> bool:
+        """Whether it stands on its feet: legs may help, and balance is kept."""
+        return self._body is not None and self._body.on_feet
 
     @property
     def ready(self) -> bool:
@@ -129,7 +146,7 @@ class Move:
         """Move this arm."""
         self.let_go()
         self._arm = arm
-        if self.target is not None and self.ready:
+        if self.target is not None and self.ready and self.aim == "tool":
             self.show_target()
         self.reset()
 
@@ -285,10 +302,47 @@ class Move:
         self.sliders = {}
         self._show()
 
-    def show_target(self) -> None:
-        """A target with a handle, where the tip is."""
-        self.target, self.sliders = self.tip, {}
+    @property
+    def lost(self) -> str:
+        """What does not hold in the ghost's posture of that which is to be kept: `feet`, or of KEPT."""
+        return "" if self._shown is None else self._shown.lost
+
+    def show_target(self, aim: str = "tool") -> None:
+        """A target with a handle, where the tip is, or the centre of mass."""
+        if not self.ready or self._body is None:
+            return
+        self.aim, self.sliders = aim, {}
+        self.target = self.tip if aim == "tool" else self._body.centre_of_mass
         self._show()
+
+    @property
+    def offered(self) -> list[str]:
+        """What may be kept, of KEPT, for what is dragged."""
+        return [] if self._body is None or not self.ready else self._body.offered(self._aimed, self.kept)
+
+    def keep(self, what: str, on: bool) -> None:
+        """Something is to hold, or not any more."""
+        if what in KEPT:
+            self.kept = self.kept | {what} if on else self.kept - {what}
+            self._show()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Of the handle, that can be dragged: on its feet a robot's centre of mass goes up and down only."""
+        if self.aim == "tool":
+            return handle.PARTS
+        return ("tz",) if self.on_feet else ("tx", "ty", "tz")
+
+    def place(self, axis: int, value: float) -> None:
+        """The target is put at a place along the world's x, y or z, m."""
+        if self.target is not None and math.isfinite(value) and "t" + "xyz"[axis] in self.parts:
+            self.target = self.target.copy()
+            self.target[axis, 3] = value
+            self._show()
+
+    @property
+    def _aimed(self) -> str:
+        return self.arm if self.aim == "tool" else ""
 
     def drop_target(self) -> None:
         self.target, self._grip, self.hot = None, None, ""
@@ -301,7 +355,7 @@ class Move:
 
     def grasp(self, view: View, x: float, y: float) -> str:
         """A finger comes down: the part of the target's handle that it is on, empty: none."""
-        self.hot = "" if self.target is None else handle.part_at(view, self.target, x, y)
+        self.hot = "" if self.target is None else handle.part_at(view, self.target, x, y, self.parts)
         self._grip = handle.Grip(self.hot, self.target, x, y) if self.hot and self.target is not None else None
         return self.hot
 
@@ -319,8 +373,8 @@ class Move:
         """Find the posture that is to be shown."""
         self.stamp += 1
         self._planned = False
-        limb = self._limbs.get(self.arm)
-        if limb is None or not self.ready or (self.target is None and not self.sliders):
+        body = self._body
+        if body is None or not self.ready or (self.target is None and not self.sliders):
             self._shown = None
             return
         if self.target is None:
@@ -329,12 +383,15 @@ class Move:
                 position[self._joints.index(joint)] = value
             self._shown = Solution(position, 0.0, 0.0)
             return
-        goal = np.linalg.inv(self._base) @ self.target
-        near = self._command if self._shown is None else self._shown.position
-        found = limb.solve(near, goal, turn=self.turn)
+        target = Target(self.target, self._aimed, self.turn)
+        near = self._command.copy()
+        if self._shown is not None:
+            rows = [self._joints.index(joint) for joint in body.moving(self._aimed, self.kept)]
+            near[rows] = self._shown.position[rows]
+        found = body.show(target, self.kept, near)
         if not found.reached and self._shown is not None:  # led astray by the drag: anew from where the robot is
-            other = limb.solve(self._command, goal, turn=self.turn)
-            found = min(found, other, key=lambda each: each.off + 0.2 * each.turned)
+            other = body.show(target, self.kept, self._command)
+            found = min(found, other, key=lambda each: (bool(each.lost), each.off + 0.2 * each.turned))
         self._shown = found
 
     # ------------------------------------------------------------------------------------------------------ its plan
@@ -351,19 +408,12 @@ class Move:
 
     def plan(self) -> Message | None:
         """What to send for a plan to what is shown; None: nothing is."""
-        goal: Goal
-        relax: list[str] = []
-        if self.target is not None:
-            angle = math.pi if self.turn == "none" else 0.0
-            goal = FrameGoal(
-                pose=to_message(self.target), angle=angle, about="" if self.turn in ("all", "none") else "z"
-            )
-            relax = ["goals[0].angle", "goals[0].position"] if self.relax else []
-        elif self.sliders:
-            goal = JointsGoal(positions=dict(self.sliders))
-            relax = ["goals[0]"] if self.relax else []
-        else:
+        if self.target is not None and self._body is not None:
+            target = Target(self.target, self._aimed, self.turn)
+            return self._body.plan(target, self.kept, seen=self.seen, relax=self.relax)
+        if not self.sliders:
             return None
+        goal, relax = JointsGoal(positions=dict(self.sliders)), ["goals[0]"] if self.relax else []
         return PlanMotion(goals=[goal], arm=self.arm, seen=self.seen, relax=relax, label="By hand")
 
 

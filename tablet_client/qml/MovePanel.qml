@@ -102,18 +102,51 @@ Panel {
             RowLayout {
                 Layout.fillWidth: true
                 spacing: Theme.tight
-                ActionButton {
-                    objectName: "moveTarget"
-                    Layout.fillWidth: true
-                    text: panel.view.target ? qsTr("Hide the handle") : qsTr("Drag a target")
-                    why: panel.view.target ? "" : Words.why(panel.view.why.target)
-                    checked: panel.view.target
-                    Accessible.checkable: true
-                    Accessible.checked: checked
-                    onClicked: desk.move.showTarget(!panel.view.target)
+                Repeater {
+                    model: [{ aim: "tool", name: "moveTarget", text: qsTr("Of the tool"), more: qsTr("Drag where the tool is to go") },
+                            { aim: "mass", name: "moveMass", text: qsTr("Centre of mass"), more: qsTr("Drag where the centre of mass is to go") }]
+                    ActionButton {
+                        required property var modelData
+                        objectName: modelData.name
+                        Layout.fillWidth: true
+                        Layout.preferredWidth: 1
+                        text: modelData.text
+                        why: checked ? "" : Words.why(panel.view.why.target)
+                        checked: panel.view.target === modelData.aim
+                        Accessible.name: modelData.more
+                        Accessible.checkable: true
+                        Accessible.checked: checked
+                        onClicked: desk.move.showTarget(checked ? "" : modelData.aim)
+                    }
                 }
+            }
+            RowLayout {
+                visible: panel.view.target !== ""
+                Layout.fillWidth: true
+                spacing: Theme.tight
+                Repeater {
+                    model: ["x", "y", "z"]
+                    NumberField {
+                        required property int index
+                        required property string modelData
+                        Layout.fillWidth: true
+                        Layout.preferredWidth: 1
+                        enabled: !panel.view.fixed.includes(modelData)
+                        opacity: enabled ? 1 : 0.5
+                        label: modelData
+                        name: qsTr("target %1").arg(modelData)
+                        unit: "mm"
+                        value: panel.view.place[index] ?? 0
+                        onEntered: number => desk.move.place(index, number)
+                    }
+                }
+            }
+            RowLayout {
+                visible: panel.view.target !== ""
+                Layout.fillWidth: true
+                spacing: Theme.tight
                 ActionButton {
-                    visible: panel.view.target
+                    Layout.fillWidth: true
                     objectName: "moveSnap"
                     text: qsTr("Snap")
                     checked: panel.view.snap
@@ -123,7 +156,7 @@ Panel {
                     onClicked: desk.move.choose("snap", !panel.view.snap)
                 }
                 ActionButton {
-                    visible: panel.view.target
+                    Layout.fillWidth: true
                     objectName: "moveFine"
                     text: qsTr("Fine")
                     checked: panel.view.fine
@@ -134,7 +167,7 @@ Panel {
                 }
             }
             Choice {
-                visible: panel.view.target
+                visible: panel.view.target === "tool"
                 Layout.fillWidth: true
                 prefix: "moveTurn"
                 options: [{ name: "all", text: qsTr("As turned"), more: qsTr("The tool is turned as the target is") },
@@ -143,11 +176,46 @@ Panel {
                 chosen: panel.view.turn
                 onTaken: name => desk.move.chooseTurn(name)
             }
+            Choice {
+                visible: panel.view.target === "mass" && !panel.view.on_feet
+                Layout.fillWidth: true
+                prefix: "moveMassTurn"
+                options: [{ name: "all", text: qsTr("In height, too"), more: qsTr("The centre of mass is as high as the target") },
+                          { name: "none", text: qsTr("Seen from above"), more: qsTr("However high the centre of mass is") }]
+                chosen: panel.view.turn === "none" ? "none" : "all"
+                onTaken: name => desk.move.chooseTurn(name)
+            }
+            Flow {
+                objectName: "moveKept"
+                visible: panel.view.offered.length > 0
+                Layout.fillWidth: true
+                spacing: Theme.tight
+                Repeater {
+                    model: panel.view.offered
+                    ActionButton {
+                        required property string modelData
+                        objectName: "moveKeep_" + modelData
+                        text: Words.kept(modelData)
+                        checked: panel.view.kept.includes(modelData)
+                        Accessible.name: Words.keptMore(modelData)
+                        Accessible.checkable: true
+                        Accessible.checked: checked
+                        onClicked: desk.move.keep(modelData, !checked)
+                    }
+                }
+            }
+            Line {
+                visible: panel.view.target !== "" && panel.view.on_feet
+                text: panel.view.target === "mass" ? qsTr("Feet stay, and balance is kept: the centre of mass goes up and down over them.")
+                                                   : qsTr("Feet stay, and balance is kept.")
+            }
             Line {
                 objectName: "moveMisses"
-                visible: panel.view.target
-                text: panel.view.reached ? qsTr("The arm gets there.")
-                                         : qsTr("Out of reach: the nearest is %1 and %2 off.").arg(panel.view.off).arg(panel.view.turned)
+                visible: panel.view.target !== ""
+                text: panel.view.reached ? qsTr("The robot gets there.")
+                    : panel.view.lost !== "" ? qsTr("Not there and with: %1.").arg(Words.kept(panel.view.lost))
+                    : panel.view.target === "mass" ? qsTr("Out of reach: the nearest is %1 off.").arg(panel.view.off)
+                    : qsTr("Out of reach: the nearest is %1 and %2 off.").arg(panel.view.off).arg(panel.view.turned)
                 color: panel.view.reached ? Theme.good : Theme.danger
             }
             RowLayout {

@@ -96,8 +96,10 @@ View3D {
                 model: stage.handles
                 Model {
                     required property string name
+                    required property bool shown
                     required geometry
                     objectName: "handle_" + name
+                    visible: shown
                                 depthBias: -1000
                     materials: desk.bench.hot === name ? hotMaterial : handleMaterial
                 }

@@ -107,6 +107,26 @@ QtObject {
     }
 
     // The name of a plan's figure, and the colour of how it stands.
+    // What holds while a target is dragged, as a choice's button has it, and as a screen reader says it.
+    function kept(code) {
+        return ({
+            torso: qsTr("Torso helps"),
+            legs: qsTr("Legs help"),
+            hands: qsTr("Other hand stays"),
+            gaze: qsTr("Camera looks there"),
+            steady: qsTr("Tool stays turned"),
+            feet: qsTr("feet that stay, and balance"),
+        })[code] || code
+    }
+    function keptMore(code) {
+        return ({
+            torso: qsTr("The torso may move along"),
+            legs: qsTr("The legs may move along; the feet stay"),
+            hands: qsTr("Hands that are not dragged stay where they are"),
+            gaze: qsTr("The head turns so that its camera looks at the target"),
+            steady: qsTr("The tool stays turned as it is, all the way"),
+        })[code] || code
+    }
     function figure(code) {
         return ({
             clearance: qsTr("Clearance"), residual: qsTr("Off its goal"), limit_margin: qsTr("Limit margin"),

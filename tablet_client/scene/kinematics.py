@@ -76,6 +76,7 @@ class Chain:
         self._columns = np.array([0] + [column for column, _, _ in sources])
         self._factors = np.array([0.0] + [factor for _, factor, _ in sources])
         self._offsets = np.array([0.0] + [offset for _, _, offset in sources])
+        self._masses, self._middles = _weigh(model, self.frames, len(names))
 
     def poses(self, positions: Array) -> Array:
         """Poses (..., bodies, 4, 4) at `positions` (..., n), rad or m."""
@@ -94,11 +95,42 @@ class Chain:
             )
         return world
 
+    def centre_of_mass(self, poses: Array) -> Array:
+        """(..., 3) m, in the base, of bodies at `poses` (..., bodies, 4, 4)."""
+        middles = np.einsum("...bij,bj->...bi", poses[..., :3, :3], self._middles) + poses[..., :3, 3]
+        return np.asarray(np.einsum("b,...bi->...i", self._masses, middles) / self._masses.sum())
+
+    def leading(self, link: str) -> tuple[str, ...]:
+        """The joints between the base and a link, from the base on."""
+        body, found = self.frames[link].body, list[str]()
+        while body > 0:
+            if self._factors[body]:
+                found.append(self.joints[self._columns[body]])
+            body = self._parents[body]
+        return tuple(reversed(found))
+
     def positions(self, link: str, positions: Array) -> Array:
         """Positions (k, 3), m, of a link's origin along `positions` (k, n)."""
         frame = self.frames[link]
         poses = self.poses(positions)[:, frame.body]
         return poses[:, :3, :3] @ frame.pose_in_body[:3, 3] + poses[:, :3, 3]
+
+
+def _weigh(model: yourdfpy.URDF, frames: dict[str, Frame], bodies: int) -> tuple[Array, Array]:
+    """Masses (bodies,) kg, and centres of mass (bodies, 3) m in the bodies' own frames. A model that says nothing of its masses has
+    its centre at its base.
+    """
+    masses, moments = np.zeros(bodies), np.zeros((bodies, 3))
+    for link in model.robot.links:
+        inertial = link.inertial
+        if link.name not in frames or inertial is None or not inertial.mass:
+            continue
+        frame, middle = frames[link.name], np.eye(4) if inertial.origin is None else inertial.origin
+        masses[frame.body] += inertial.mass
+        moments[frame.body] += inertial.mass * (frame.pose_in_body @ middle)[:3, 3]
+    if not masses.any():
+        masses[0] = 1.0
+    return masses, moments / np.maximum(masses, 1e-12)[:, None]
 
 
 def _source(joint: yourdfpy.Joint, columns: dict[str, int]) -> tuple[int, float, float]:

@@ -13,6 +13,7 @@ import yourdfpy
 
 from handrail.robot.description import RobotDescription
 from tablet_client.models.hands import Span, spans
+from tablet_client.models.whole_body import Camera
 from tablet_client.scene.kinematics import Chain
 from tablet_client.scene.meshes import Mesh, from_file, merged, shaded
 from tablet_client.scene.solids import solid
@@ -34,6 +35,9 @@ class DrawnRobot:
     tips: dict[str, str]
     """arm → the link at its tool's contact point"""
     arm_joints: dict[str, tuple[str, ...]]
+    feet: tuple[str, ...]
+    """links in the soles' middle"""
+    cameras: tuple[Camera, ...]
     grippers: dict[str, Span]
     floor: float
     """m, height of the floor, or where the description has none of the lowest point that does not move"""
@@ -62,6 +66,11 @@ def load(description: RobotDescription, cache: Path, progress: Progress | None =
         meshes=meshes,
         tips={name: arm.tip for name, arm in description.arms.items() if arm.tip in chain.frames},
         arm_joints={name: arm.joints for name, arm in description.arms.items()},
+        feet=tuple(foot.link for foot in description.feet if foot.link in chain.frames),
+        cameras=tuple(
+            Camera(each.name, each.link, (0.0, 0.0, 1.0) if each.optical else (1.0, 0.0, 0.0))
+            for each in description.cameras
+        ),
         grippers=spans(description),
         floor=lowest if description.floor is None else description.floor,
     )

@@ -20,6 +20,7 @@ from handrail.robot.description import RobotDescription
 from tablet_client.models import handle
 from tablet_client.models.bench import Bench
 from tablet_client.models.clouds import Seen
+from tablet_client.models.move import Move
 from tablet_client.models.plans import Track
 from tablet_client.models.situation import Situation
 from tablet_client.scene import marks, solids
@@ -136,7 +137,7 @@ class Stage(QObject):
         if info is not None and info.name != self._asked:
             self._load(info.name)
         moved = self._show_instances(replay.instances() if replay.active else situation.bench.shown())
-        moved |= self._show_bench(situation.bench, situation.move.target)
+        moved |= self._show_bench(situation.bench, situation.move)
         moved |= self._show_clouds({} if replay.active else situation.clouds.seen)
         if self._robot is None or state is None or info is None:
             return moved
@@ -247,9 +248,20 @@ class Stage(QObject):
         lower, upper, pace = (
             self._ordered(info.joints, each) for each in (info.lower, info.upper, info.velocity_limit)
         )
-        situation.move.meet(robot, robot.chain, robot.tips, robot.arm_joints, (lower, upper, pace))
-        command = self._ordered(info.joints, state.command)
-        situation.move.stands(command, _matrix(state.base_in_world), situation.robot.moving)
+        situation.move.meet(
+            robot,
+            robot.chain,
+            robot.tips,
+            robot.arm_joints,
+            (lower, upper, pace),
+            feet=robot.feet,
+            cameras=robot.cameras,
+        )
+        command, on_feet = (
+            self._ordered(info.joints, state.command),
+            state.base is not None and state.base.source == "feet",
+        )
+        situation.move.stands(command, _matrix(state.base_in_world), situation.robot.moving, on_feet=on_feet)
 
     def _ordered(self, joints: list[str], position: list[float]) -> np.ndarray:
         """The robot's position in the order of the drawn chain."""
@@ -280,7 +292,12 @@ class Stage(QObject):
 
     def _place_ghost(self, posture: np.ndarray, poses: np.ndarray) -> None:
         assert self._robot is not None
-        ghost = self._drawn_base @ self._robot.chain.poses(posture)
+        ghost = self._robot.chain.poses(posture)
+        base = self._drawn_base
+        if self._base_source == "feet" and self._robot.feet:  # the sole stays, and where legs move the base does not
+            sole = self._robot.chain.frames[self._robot.feet[0]]
+            base = poses[sole.body] @ sole.pose_in_body @ np.linalg.inv(ghost[sole.body] @ sole.pose_in_body)
+        ghost = base @ ghost
         moved = np.linalg.norm(ghost[:, :3, 3] - poses[:, :3, 3], axis=1) > _APART
         cosine = (np.einsum("bij,bij->b", ghost[:, :3, :3], poses[:, :3, :3]) - 1) / 2
         self._ghost.pose(ghost, moved | (np.arccos(np.clip(cosine, -1, 1)) > _TURNED))
@@ -352,10 +369,11 @@ class Stage(QObject):
 
     # ---------------------------------------------------------------------------------------------------------- bench
 
-    def _show_bench(self, bench: Bench, target: np.ndarray | None) -> bool:
-        """The handle, of the tool's target or of the selected instance, and that one's waypoints. True when something changed."""
-        pose, waypoints = bench.pose if target is None else target, bench.waypoints
-        key: tuple[object, ...] = (bench.selected, None if pose is None else pose.tobytes(), bench.chosen)
+    def _show_bench(self, bench: Bench, move: Move) -> bool:
+        """The handle, of the target or of the selected instance, and that one's waypoints. True when something changed."""
+        pose, parts = (bench.pose, handle.PARTS) if move.target is None else (move.target, move.parts)
+        waypoints = bench.waypoints
+        key: tuple[object, ...] = (bench.selected, None if pose is None else pose.tobytes(), bench.chosen, parts)
         key += tuple((each.name, each.reach.state if each.reach else "") for each in waypoints)
         key += tuple(each.pose.tobytes() for each in waypoints)
         if key == self._marked:
@@ -364,6 +382,7 @@ class Stage(QObject):
         self._selected = "" if pose is None else bench.selected or "target"
         if pose is not None:
             self._handle, self._handle_turn = placed(pose)
+            self._handles.pose(np.tile(np.eye(4), (6, 1, 1)), np.array([part in parts for part in handle.PARTS]))
         states = [each.reach.state if each.reach else "" for each in waypoints]
         names = [each.name for each in waypoints]
         if names != self._waypoints.names():

@@ -54,6 +54,7 @@ from engines.runs.journal import Entry, RunJournal
 from engines.runs.plan_execution import PlanExecution
 from engines.runs.prompts import Prompts
 from engines.runs.run import LINK_CUT, ProgramRun, Start
+from engines.runs.spoken import Spoken
 from engines.service import DeferringService, Wake
 from engines.shared_instances import SharedInstances
 from engines.template_runs import TemplateRuns
@@ -99,7 +100,8 @@ class Engine:
         self._wake = Wake()
         self._outbox: queue.SimpleQueue[msgspec.Struct] = queue.SimpleQueue()
         self._closing = threading.Event()
-        self._desk = PlanningDesk(self._tell)
+        self._desk = PlanningDesk(self._tell, lambda text: self._log("info", text, "planning"))
+        self._spoken = Spoken()
         self._deployments: dict[str, Deployed] = {}
         self._releases = ReleaseStore(
             code or runtime.folder / f"{name}.code",
@@ -268,8 +270,8 @@ class Engine:
         self._wake.set()
 
     def _log(self, level: Any, text: str, node: str = "") -> None:
-        """A line for people, of the engine itself or of one of its nodes."""
-        shown = f"node {node}: {text}" if node else text
+        """A line for people, of the engine itself, or of one of its nodes, of a program, of its planning."""
+        shown = f"{node}: {text}" if node else text
         logging.log({"info": logging.INFO, "warning": logging.WARNING}.get(level, logging.ERROR), shown)
         source = f"{self._name}/{node}" if node else self._name
         self._tell(m.LogLine(source=source, level=level, text=text))
@@ -438,6 +440,12 @@ class Engine:
                 raise refuse("the program can't be deployed", "program", call.program, str(problem)) from problem
             deployed = deployment.deploy(call, program, self._services.description, self._services.affordances)
         self._keep(deployed)
+        bound = ", ".join(f"{role} is {what}" for role, what in deployed.bindings.items())
+        self._log(
+            "info",
+            f"deployed as {deployed.id}, content {program.hash[:10]}" + (f": {bound}" if bound else ""),
+            program.name,
+        )
         self._edited(deployed, call.parameters)
         warnings = self._learner.before(deployed)
         return m.Deployment(id=deployed.id, program=program.name, hash=program.hash, warnings=warnings)
@@ -541,6 +549,8 @@ class Engine:
     def _run_changed(self, deployed: Deployed, state: m.RunState) -> None:
         self._templates.told(deployed, state)
         self._tell(state)
+        for line in self._spoken.lines(state):
+            self._log("info", line, state.program)
         if state.status != self._told_status:
             self._told_status = state.status
             self._tell(self._info())

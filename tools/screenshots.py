@@ -160,6 +160,12 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
         elif page == "objects":
             camera.until(lambda: desk.bench.view["selected"], "the selected wheel")
             camera.turn(10.0)  # what is reached comes while it is looked at
+        elif page == "output":
+            desk.workshop.output.switch("info")
+            camera.turn(1.0)  # from here on it is sent
+            robot.plan("wheel_1", "turn", "right")
+            robot.deploy("turn_valve", {"arm": "right", "valve": "wheel_1"})
+            camera.until(lambda: desk.workshop.output.lines.rowCount() > 1, "what the engine says")
         elif page == "health":
             desk.health.choose("engine")
             camera.until(lambda: desk.health.view["log"], "what the engine said")

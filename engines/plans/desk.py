@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -30,8 +31,9 @@ class Task:
 class PlanningDesk:
     """Used by the engine's thread; `cancel` by any."""
 
-    def __init__(self, tell: Callable[[msgspec.Struct], None]):
-        self._tell, self._lock = tell, threading.Lock()
+    def __init__(self, tell: Callable[[msgspec.Struct], None], say: Callable[[str], None]):
+        """`tell` an event; `say` a line for people: what came of it, and how long it took."""
+        self._tell, self._say, self._lock = tell, say, threading.Lock()
         self._tasks: set[threading.Event] = set()
         self._newest: dict[str, Task] = {}
 
@@ -53,12 +55,17 @@ class PlanningDesk:
                 self._newest[supersedes] = task
 
         def run() -> None:
+            began = time.monotonic()
             try:
-                future.set_result(work(task))
+                found = work(task)
+                self._say(f"{what}: found in {time.monotonic() - began:.1f} s")
+                future.set_result(found)
             except ActivityFailed as failed:
-                why = f"{what}: superseded by a newer one" if task.superseded.is_set() else str(failed)
-                future.set_exception(refuse(why))
+                superseded = "superseded by a newer one" if task.superseded.is_set() else ""
+                self._say(f"{what}: {superseded or failed}")
+                future.set_exception(refuse(f"{what}: {superseded}" if superseded else str(failed)))
             except BaseException as problem:
+                self._say(f"{what}: {problem}")
                 future.set_exception(problem)
                 if not isinstance(problem, RefusedError):
                     logging.exception("%s crashed", what)

@@ -26,6 +26,7 @@ from engines.reach.wire import Ask, Told
 from handrail import workspace
 from handrail.messages import InstanceState
 from handrail.robot import library as robots
+from handrail.usage import show_as
 
 _NICE = 5
 """what moves the robot goes first"""
@@ -138,6 +139,7 @@ def main(arguments: list[str]) -> int:
     """Serve one engine."""
     robot, descriptor = arguments
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the engine's
+    show_as("reachability")
     os.nice(_NICE)
     wire = Wire(socket.socket(fileno=int(descriptor)), Ask)
     try:

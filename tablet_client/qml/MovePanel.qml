@@ -195,7 +195,7 @@ Panel {
                     ActionButton {
                         required property string modelData
                         objectName: "moveKeep_" + modelData
-                        text: Words.kept(modelData)
+                        text: Words.kept(modelData, panel.view.target)
                         checked: panel.view.kept.includes(modelData)
                         Accessible.name: Words.keptMore(modelData)
                         Accessible.checkable: true
@@ -213,7 +213,7 @@ Panel {
                 objectName: "moveMisses"
                 visible: panel.view.target !== ""
                 text: panel.view.reached ? qsTr("The robot gets there.")
-                    : panel.view.lost !== "" ? qsTr("Not there and with: %1.").arg(Words.kept(panel.view.lost))
+                    : panel.view.lost !== "" ? qsTr("Not there and with: %1.").arg(Words.kept(panel.view.lost, panel.view.target))
                     : panel.view.target === "mass" ? qsTr("Out of reach: the nearest is %1 off.").arg(panel.view.off)
                     : qsTr("Out of reach: the nearest is %1 and %2 off.").arg(panel.view.off).arg(panel.view.turned)
                 color: panel.view.reached ? Theme.good : Theme.danger

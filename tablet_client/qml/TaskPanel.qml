@@ -35,8 +35,14 @@ Panel {
             readonly property string lit: panel.under ? panel.view.innermost : ""
             onLitChanged: if (!panel.view.chosen && !moving) Qt.callLater(follow)
             onCountChanged: Qt.callLater(follow)
+            // What stands above the states grows a line or two after they are there, as words wrap.
+            readonly property real head: headerItem ? headerItem.height : 0
+            onHeadChanged: if (!moving) Qt.callLater(follow)
+            readonly property bool under: panel.under
+            onUnderChanged: Qt.callLater(follow)
             function follow() {
-                if (!panel.under) { positionViewAtBeginning(); return } // how it ended stands above
+                positionViewAtBeginning() // how it ended stands above; and where the state is in sight from there, so does it
+                if (!panel.under) return
                 for (let i = 0; i < count; ++i)
                     if (model.data(model.index(i, 0), 256) === lit) { positionViewAtIndex(i, ListView.Contain); return }
             }

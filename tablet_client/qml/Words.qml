@@ -108,11 +108,11 @@ QtObject {
 
     // The name of a plan's figure, and the colour of how it stands.
     // What holds while a target is dragged, as a choice's button has it, and as a screen reader says it.
-    function kept(code) {
+    function kept(code, aim) {
         return ({
             torso: qsTr("Torso helps"),
             legs: qsTr("Legs help"),
-            hands: qsTr("Other hand stays"),
+            hands: aim === "mass" ? qsTr("Hands stay") : qsTr("Other hand stays"),
             gaze: qsTr("Camera looks there"),
             steady: qsTr("Tool stays turned"),
             feet: qsTr("feet that stay, and balance"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from handrail.messages import (
@@ -9,6 +10,7 @@ from handrail.messages import (
     GetOutline,
     GetRobot,
     GetRunHistory,
+    OutlineState,
     Run,
     RunFrom,
     RunHistory,
@@ -151,3 +153,20 @@ def test_a_breakpoint_is_set_beside_the_others_and_taken_away_alone(situation, r
     situation.take(robot.running(breakpoints=["confirm", "planning"]))
     assert situation.task.call("breakpoint", "stroking") == SetBreakpoints(states=["confirm", "planning", "stroking"])
     assert situation.task.call("breakpoint", "planning") == SetBreakpoints(states=["confirm"])
+
+
+def test_how_a_run_ended_is_in_sight_with_its_heading_however_far_down_it_was(robot, show):
+    states = [OutlineState(id=f"state_{number}", title=f"State {number}", does="wait") for number in range(14)]
+    outline = robot.outline()
+    robot.outline = lambda: msgspec.structs.replace(outline, states=states)
+    shown = show().drawn()
+    shown.page("task")
+    robot.publish(robot.running(active=["state_13"]))
+    tree = shown.item("programTree")
+    shown.until(lambda: tree.property("contentY") - tree.property("originY") > 100)
+    for status, detail in (("stopped", "stopped by the operator"), ("failed", "the guard tripped; " * 12)):
+        robot.publish(robot.running(status="running", active=["state_13"]))
+        shown.until(lambda: shown.desk.run.view["status"] == "running")
+        robot.publish(robot.running(status=status, active=[], detail=detail))
+        shown.until(lambda status=status: shown.desk.run.view["status"] == status)
+        shown.until(lambda: tree.property("contentY") == tree.property("originY"))

@@ -304,7 +304,7 @@ class ActionTable:
             action.outcome, action.value, action.detail = Outcome.STREAM_LOST, silence, ""
             return True
         if controller.done:
-            action.outcome = Outcome.DONE
+            action.outcome, action.detail = Outcome.DONE, controller.remark
             return True
         return False
 

@@ -213,6 +213,11 @@ class MotionController(Controller):
         return ""
 
     @property
+    def remark(self) -> str:
+        """What there is to say of how it was done; "": nothing."""
+        return ""
+
+    @property
     def path_force(self) -> float:
         """N, what a path-force integrator adds now."""
         return 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from daemon.controllers.base import Array, Gains, MotionController
-from daemon.controllers.frame_room import frame_room
+from daemon.controllers.frame_room import JACOBIAN_DAMPING, frame_room
 from daemon.controllers.joint_velocities import JointVelocities
 from daemon.controllers.references import LinePath, PathClock, placement
 from daemon.exchange import CartesianMotion, TaskFrameMotion
@@ -20,11 +20,9 @@ _FOLLOW_RATE = 20.0
 _NEAR, _FAR = np.array((0.005, 0.04)), np.array((0.02, 0.15))
 """m and rad that the commanded frame is behind its line: from the first on the line is run slower, at the second it stands"""
 _PATIENCE = 1.0
-"""s that the line may stand, or its end be missed, before the motion ends"""
+"""s that the line may stand, or its end be missed by less than that, before the motion ends"""
 _STANDS = 0.05
 """share of the line's rate"""
-_DAMPING = 1e-3
-"""of the frame's mobility along and about each axis, so that singular postures have one, too"""
 
 
 class CartesianImpedance(MotionController):
@@ -36,7 +34,8 @@ class CartesianImpedance(MotionController):
     velocity, the null space its posture, and the hold that comes after its command. Joint stiffness is zero meanwhile.
 
     Where they can't keep up, near a singularity or at a joint's limit, the line waits for them: its clock slows down with the
-    distance to the commanded frame. Where it has stood for `_PATIENCE` s the motion ends, and says which joints have no room left.
+    distance to the commanded frame. Where it has stood for `_PATIENCE` s the motion ends, and says which joints have no room left;
+    so it does where its end is nearly reached, but not quite.
     """
 
     name = "cartesian_impedance"
@@ -58,11 +57,15 @@ class CartesianImpedance(MotionController):
 
     @property
     def done(self) -> bool:
-        return self.clock.at_end and self.clock.share == 1.0
+        return self.clock.at_end and (self.clock.share == 1.0 or self._stuck > _PATIENCE)
+
+    @property
+    def remark(self) -> str:
+        return self._why
 
     @property
     def failure(self) -> str:
-        return self._why
+        return self._why if self.clock.share < _STANDS else ""
 
     def activate(self, robot: RobotState, last: JointCommand) -> None:
         # From where the frame is commanded, not measured: what it leans on now, it goes on leaning on.
@@ -126,7 +129,7 @@ class CartesianImpedance(MotionController):
         posture = stiffness * (self._position - robot.joints.position[rows])
         eased = jacobian.T / stiffness[:, None]
         mobility = jacobian @ eased
-        mobility.flat[::7] *= 1.0 + _DAMPING
+        mobility.flat[::7] += JACOBIAN_DAMPING**2 * np.mean(1.0 / stiffness)
         free = self._joints.room(self._position) * posture
         return np.asarray(posture - jacobian.T @ np.linalg.solve(mobility, eased.T @ free), np.float64)
 

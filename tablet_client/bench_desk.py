@@ -21,7 +21,7 @@ from tablet_client.scene.stage import Stage
 _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do not
 _TAP = 24.0  # px from a template that are still on it
 _SLIDER = ("name", "title", "unit", "value", "low", "high", "step", "text")
-_WAYPOINT = ("name", "state", "why")
+_WAYPOINT = ("name", "state", "constraint", "about", "size")
 _INSTANCE = ("name", "template", "selected", "heldBy")
 _COMMANDS = ("edit", "delete", "copy", "undo", "redo", "plan", "place", "attach", "save")
 _SENT_AS = {"delete": "RemoveInstance", "plan": "MakePlan", "save": "SaveTemplate"}
@@ -270,7 +270,9 @@ class BenchDesk(QObject):
                 {
                     "name": each.name,
                     "state": each.reach.state if each.reach else "",
-                    "why": str(each.reach) if each.reach else "",
+                    "constraint": each.reach.constraint if each.reach else "",
+                    "about": each.reach.about if each.reach else "",
+                    "size": in_unit(each.reach.unit or "rad", each.reach.by) if each.reach else "",
                 }
                 for each in waypoints
             ]

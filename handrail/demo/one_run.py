@@ -23,6 +23,7 @@ from handrail.demo.progress import Show
 from handrail.demo.report import Row
 from handrail.demo.scenario import OBJECT, Scenario
 from handrail.demo.verdict import SETTLE_S, Verdict, judge
+from handrail.engines import FIRST
 from handrail.link.keys import KeysError
 from handrail.messages import DaemonStatus, GroundTruth, LogLine, RunState
 from handrail.runtime import Runtime, memory_folder
@@ -172,6 +173,8 @@ class _Attempt:
             robot.check()
             event = events.next(_LOOK_S)
             if isinstance(event, LogLine):
+                if event.level == "info" and event.source != FIRST:
+                    continue  # the states that it enters are shown as they are
                 self._show.note(f"{event.source}: {event.text}")
             elif event is not None:
                 self._seen.note(event)

@@ -47,13 +47,28 @@ Rectangle {
                     objectName: "figure_" + modelData.code
                     Layout.fillWidth: true
                     Layout.preferredWidth: modelData.code === "clearance" ? 3 : 2
-                    implicitHeight: words.implicitHeight
-                    Accessible.role: Accessible.StaticText
+                    readonly property bool leads: modelData.at >= 0
+                    function go() { if (leads) desk.scrub(modelData.at) }
+                    implicitHeight: Math.max(44, words.implicitHeight)
+                    activeFocusOnTab: leads
+                    Keys.onReturnPressed: go()
+                    Keys.onEnterPressed: go()
+                    Accessible.role: leads ? Accessible.Button : Accessible.StaticText
+                    Accessible.focusable: leads
+                    Accessible.onPressAction: go()
                     Accessible.name: qsTr("%1 %2, %3").arg(Words.figure(modelData.code)).arg(modelData.text).arg(detail.text)
-                    TapHandler { onTapped: if (cell.modelData.at >= 0) desk.scrub(cell.modelData.at) }
+                    TapHandler { enabled: cell.leads; onTapped: cell.go() }
+                    Rectangle {
+                        anchors { fill: parent; margins: -2 }
+                        visible: cell.activeFocus
+                        color: "transparent"
+                        radius: Theme.tight
+                        border { width: 2; color: Theme.accent }
+                    }
                     Column {
                         id: words
                         width: parent.width
+                        anchors.verticalCenter: parent.verticalCenter
                         Row {
                             spacing: Theme.tight
                             Text {

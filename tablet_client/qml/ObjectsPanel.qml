@@ -126,12 +126,15 @@ Panel {
                         id: way
                         required property string name
                         required property string state
-                        required property string why
+                        required property string constraint
+                        required property string about
+                        required property string size
+                        readonly property string why: Words.reachedHow(state, constraint, about, size)
                         objectName: "reach_" + name
                         width: parent.width
                         spacing: Theme.tight
                         Accessible.role: Accessible.StaticText
-                        Accessible.name: qsTr("%1: %2").arg(Words.name(name)).arg(why || Words.reach(state))
+                        Accessible.name: qsTr("%1: %2").arg(Words.name(name)).arg(why)
                         Rectangle {
                             y: Math.round(4 * Theme.scale)
                             width: Math.round(9 * Theme.scale); height: width
@@ -145,7 +148,7 @@ Panel {
                         }
                         Text {
                             width: way.width - Math.round(108 * Theme.scale)
-                            text: way.state === "reached" ? Words.reach(way.state) : way.why || Words.reach(way.state)
+                            text: way.why
                             color: way.state === "not" ? Theme.danger : way.state === "near" ? Theme.warning : Theme.muted
                             font.pixelSize: Theme.small; wrapMode: Text.Wrap
                         }

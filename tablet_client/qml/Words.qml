@@ -252,6 +252,19 @@ QtObject {
         return ({ reached: qsTr("within reach"), near: qsTr("near a limit"), not: qsTr("out of reach") })[state] || qsTr("not known")
     }
 
+    // The same with the limit that it is near, or what is missed, by how much, and which joint or bodies that is about.
+    function reachedHow(state, constraint, about, size) {
+        const what = ({
+            "joint limits": qsTr("joint limits"), clearance: qsTr("clearance"), position: qsTr("position"),
+            direction: qsTr("direction"), balance: qsTr("balance"),
+        })[constraint] || constraint
+        const whose = about ? qsTr("%1 (%2)").arg(what).arg(about) : what
+        return !constraint ? reach(state)
+            : state === "near" ? qsTr("near: %1, %2 left").arg(whose).arg(size)
+            : state === "not" ? qsTr("not reached: %1 missed by %2").arg(whose).arg(size)
+            : reach(state)
+    }
+
     function reachColor(state) {
         return ({ reached: Theme.good, near: Theme.warning, not: Theme.danger })[state] || Theme.faint
     }

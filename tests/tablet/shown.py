@@ -251,15 +251,14 @@ def distance(one: tuple[float, ...], other: tuple[float, ...]) -> float:
     return sum((a - b) ** 2 for a, b in zip(one, other, strict=True)) ** 0.5
 
 
-def judge(asking: Shown, size: tuple[int, int]) -> None:
-    """Every control that is shown is at least 44 px large, has a name, is reached by Tab, and is not cut off."""
+def judge(asking: Shown, size: tuple[int, int]) -> int:
+    """Every control that is shown is at least 44 px large, has a name, is reached by Tab, and is not cut off.
+
+    Returns how many of them are the open page's own.
+    """
     from PySide6.QtQml import QQmlProperty, qmlContext
 
-    controls = [
-        item
-        for item in asking.all_items()
-        if any(item.inherits(f"QQuick{kind}") for kind in ("AbstractButton", "Slider", "TextField"))
-    ]
+    controls = [item for item in asking.all_items() if is_control(item)]
     assert len(controls) >= 10
     for control in controls:
         name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
@@ -269,6 +268,30 @@ def judge(asking: Shown, size: tuple[int, int]) -> None:
         whole = control if (scrolled := scrolled_by(control)) is None else scrolled
         corner = whole.mapToScene(whole.boundingRect().bottomRight())
         assert corner.x() <= size[0] and corner.y() <= size[1], f"{control.objectName()} is cut off"
+    page = "page_" + asking.words("Pages.current")
+    return sum(within(control, page) for control in controls)
+
+
+def is_control(item: Any) -> bool:
+    """Whether a finger or a key does something with it. What holds other controls, and keeps fingers from others, is none."""
+    if any(item.inherits(f"QQuick{kind}") for kind in ("AbstractButton", "Slider", "TextField", "TextArea")):
+        return True
+    tapped = any(child.inherits("QQuickTapHandler") and child.property("enabled") for child in item.children())
+    return tapped and not any(each.inherits("QQuickAbstractButton") for each in below(item))
+
+
+def below(item: Any) -> Iterator[Any]:
+    """All items that an item holds."""
+    for child in item.childItems():
+        yield child
+        yield from below(child)
+
+
+def within(item: Any, name: str) -> bool:
+    """Whether an item lies in one of this name."""
+    while item is not None and item.objectName() != name:
+        item = item.parentItem()
+    return item is not None
 
 
 def scrolled_by(item: Any) -> Any:

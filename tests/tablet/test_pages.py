@@ -83,7 +83,8 @@ def test_every_control_of_every_page_is_large_enough_for_a_finger_and_has_a_name
     for name in names:
         asking.page(name)
         asking.turn(0.1)
-        judge(asking, (asking.window.width(), asking.window.height()))
+        own = judge(asking, (asking.window.width(), asking.window.height()))
+        assert own or name in ("journal", "health"), f"nothing can be done on {name}"  # no process is there
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1200), (1024, 640)])

@@ -13,7 +13,7 @@ THEME = (Path(tablet_client.__file__).parent / "qml" / "Theme.qml").read_text()
 COLOURS = dict(
     re.findall(r'readonly property color (\w+): (dark \? "#[0-9a-f]{6}" : "#[0-9a-f]{6}"|"#[0-9a-f]{6}")', THEME)
 )
-GROUNDS = ("ground", "panel", "raised", "asks")
+GROUNDS = ("ground", "panel", "raised", "asks", "pressed")
 
 
 def luminance(name: str, look: int) -> float:
@@ -34,8 +34,7 @@ def contrast(words: str, ground: str, look: int) -> float:
     ("words", "grounds"),
     [
         *((words, GROUNDS) for words in ("text", "muted", "faint", "code", "accent", "good", "warning", "danger")),
-        ("text", ("pressed",)),
-        ("badText", ("badGround", "endGround")),
+        ("badText", ("badGround", "endGround", "endPressed")),
         ("textOnAccent", ("accentDeep",)),
         ("textOnAccent", ("stop",)),
     ],

@@ -124,7 +124,7 @@ class Engine:
         self._by_hand: JogExecution | PlanExecution | None = None
         """what is, or was, moved in a pause of a run"""
         self._run: ProgramRun | None = None
-        self._told_status = ""
+        self._told_run = ("", "")
         self._publisher = Publisher(runtime.endpoint(f"{name}.events"))
         daemon = DaemonClient(runtime, len(description.joints), owner=name, log=lambda text: self._log("warning", text))
         affordances = (
@@ -284,6 +284,7 @@ class Engine:
             release=self._releases.number,
             program=run.program if run else "",
             status=run.status if run else "",
+            hash=run.hash if run else "",
         )
 
     def _instance_changed(self, state: m.InstanceState) -> None:
@@ -551,8 +552,8 @@ class Engine:
         self._tell(state)
         for line in self._spoken.lines(state):
             self._log("info", line, state.program)
-        if state.status != self._told_status:
-            self._told_status = state.status
+        if (state.status, state.hash) != self._told_run:
+            self._told_run = state.status, state.hash
             self._tell(self._info())
         if state.status in ("succeeded", "failed", "stopped"):
             _in_thread(lambda: self._services.nodes.end_run(state.run), "end of nodes")

@@ -142,6 +142,9 @@ class LibraryDesk(QObject):
         if not situation.link.engine:
             return "no_engine"
         if command == "roll_back":
+            info = situation.deployments.engines.get(situation.deployments.chosen)
+            if info is None or not info.up:
+                return "no_engine"
             return "sending" if "RollBack" in situation.pending else ""
         if command == "set":
             return "sending" if "SetRunParameters" in situation.pending else situation.launch.why_not_set()
@@ -272,13 +275,21 @@ class LibraryDesk(QObject):
         )
 
     def _runs(self) -> dict[str, Any]:
-        """Whether what ran last at the first engine is what its library has in force now."""
-        run = self._situation.task.run
-        if run is None:
+        """Whether what ran last at the engine that is looked at is what its library has in force now."""
+        situation = self._situation
+        deployments, run = situation.deployments, situation.task.run
+        first = deployments.chosen == next(iter(deployments.engines), deployments.chosen)
+        if first:
+            program, hash_ = (run.program, run.hash) if run is not None else ("", "")
+        else:
+            info = deployments.engines[deployments.chosen]
+            program, hash_ = info.program, info.hash
+        if not program or not hash_:
             return {"program": "", "hash": "", "match": ""}
-        entry = next((each for each in self._situation.library if each.name == run.program), None)
-        match = "unknown" if entry is None or not entry.hash else "same" if entry.hash == run.hash else "differs"
-        return {"program": run.program, "hash": run.hash[:_HASH], "match": match}
+        library = situation.library if first else situation.launch.entries
+        entry = next((each for each in library if each.name == program), None)
+        match = "unknown" if entry is None or not entry.hash else "same" if entry.hash == hash_ else "differs"
+        return {"program": program, "hash": hash_[:_HASH], "match": match}
 
     def _check(self) -> dict[str, Any]:
         check = self._situation.launch.check

@@ -21,6 +21,8 @@ class EngineInfo(Message):
     """that it ran last, or runs"""
     status: Literal["", "ready", "running", "paused", "succeeded", "failed", "stopped"] = ""
     """of that run"""
+    hash: str = ""
+    """of the content that it runs"""
 
 
 @travels(priority=1, remote=True)

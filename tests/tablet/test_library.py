@@ -222,6 +222,60 @@ def test_an_engine_that_comes_or_has_other_code_is_asked_anew(situation, engine)
     assert len(engine.of(GetReleases)) == 4
 
 
+@pytest.fixture
+def desk(situation, engine) -> Any:
+    """Of two engines, each of which runs something; `sent`: what buttons asked for."""
+    from tablet_client.library_desk import LibraryDesk
+
+    sent: list[Any] = []
+    made = LibraryDesk(situation, sent.append, lambda: None)
+    made.sent = sent
+    situation.deployments.open = True
+    engine.serve()
+    situation.take(EngineInfo(name="vision", host="cart", program="turn_valve", status="running", hash="b" * 32))
+    situation.take(engine.robot.running(program="turn_valve", hash="a" * 32))
+    engine.serve()
+    made.build()
+    return made
+
+
+def test_of_two_engines_each_says_what_runs_where_and_whether_that_is_what_its_library_has(desk, engine):
+    assert [(row["name"], row["host"], row["status"], row["chosen"]) for row in desk.engines.lines] == [
+        ("engine", "", "", True),
+        ("vision", "cart", "running", False),
+    ]
+    assert desk.view["runs"] == {"program": "turn_valve", "hash": "a" * 8, "match": "same"}
+    assert [(row["program"], row["bundle"], row["match"]) for row in desk.held.lines] == [
+        ("home", "3" * 8, "same"),
+        ("press", "2" * 8, "differs"),
+    ]
+    desk.at("vision")
+    engine.serve()
+    desk.build()
+    assert desk.view["runs"] == {"program": "turn_valve", "hash": "b" * 8, "match": "differs"}
+    assert [(row["program"], row["bundle"]) for row in desk.held.lines] == [("home", "3" * 8), ("press", "1" * 8)]
+    assert [row["chosen"] for row in desk.engines.lines] == [False, True]
+
+
+def test_what_is_deployed_and_rolled_back_goes_to_the_engine_that_is_looked_at(desk, engine, situation):
+    desk.at("vision")
+    engine.serve()
+    situation.launch.choose("turn_valve")
+    engine.serve()
+    situation.launch.bind("arm", "right")
+    situation.launch.wish("check")
+    engine.serve()
+    assert [call.engine for call in engine.of(Deploy)] == ["vision"]
+    desk.rollBack(1)
+    assert desk.sent == [RollBack(number=1, engine="vision")]
+    situation.take(EngineInfo(name="vision", up=False))
+    assert desk.why("roll_back") == "no_engine"
+    desk.rollBack(1)
+    assert len(desk.sent) == 1, "nobody is there to do it"
+    desk.at("engine")
+    assert desk.why("roll_back") == ""
+
+
 def test_there_is_a_way_back_to_earlier_releases_and_to_no_other(situation, engine):
     situation.deployments.open = True
     engine.serve()

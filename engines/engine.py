@@ -42,6 +42,7 @@ from engines.plans.store import PlanStore
 from engines.programs import deployment, library
 from engines.programs.deployment import Deployed
 from engines.programs.outline import outline
+from engines.programs.program import Program
 from engines.programs.rehearsal import Rehearsal
 from engines.reach.desk import ReachDesk
 from engines.releases import node_saving, saving
@@ -642,9 +643,7 @@ class Engine:
                 return
             program, entry = found
             request = m.Deploy(program=program.name, bindings=entry.bindings)
-            deployed = deployment.deploy(request, program, self._services.description, self._services.affordances)
-            deployed = replace(deployed, id=entry.state.deployment)
-            self._deployments[deployed.id] = deployed
+            deployed = self._deployed_again(request, program, entry.state.deployment, entry.release)
             data, known = entry.state.data, {state.id for state in program.states()}
             if odd := [id for id in entry.state.active if id not in known]:
                 raise ValueError(f"active: got {odd[0]!r}; expected one of {', '.join(sorted(known))}")
@@ -678,13 +677,23 @@ class Engine:
                 return None
             edit = entry.edit
             request = m.Deploy(program=program.name, bindings=entry.bindings, parameters=edit.parameters)
-            newer = deployment.deploy(request, program, self._services.description, self._services.affordances)
+            newer = self._deployed_again(request, program, edit.deployment, edit.release)
         except (ValueError, RefusedError) as problem:
             self._log("warning", f"the edit of {entry.state.program} that waited is lost: {problem}")
             return None
-        newer = replace(newer, id=entry.edit.deployment)
-        self._deployments[newer.id] = newer
-        return self._waiting(newer, entry.edit.parameters)
+        return self._waiting(newer, edit.parameters)
+
+    def _deployed_again(self, request: m.Deploy, program: Program, id: str, release: str) -> Deployed:
+        """As it was deployed before the engine was killed: from the release that it was made from, whatever is in force by now."""
+        folder = Path(release) if release else None
+        if folder is not None and not folder.is_dir():
+            self._log("warning", f"{program.name} goes on with today's code: the release that it was made from is gone")
+            folder = workspace.deployed()
+        with workspace.pinned(folder):
+            deployed = deployment.deploy(request, program, self._services.description, self._services.affordances)
+        deployed = replace(deployed, id=id)
+        self._deployments[id] = deployed
+        return deployed
 
     def _program_run(self) -> ProgramRun:
         if self._run is None or self._job is not self._run or not self._run.active:

@@ -29,6 +29,8 @@ class Version(msgspec.Struct, kw_only=True):
     parts: dict[str, str]
     parameters: dict[str, Any]
     """that get these values with it"""
+    release: str = ""
+    """as of an Entry"""
 
 
 class Entry(msgspec.Struct, kw_only=True):
@@ -40,6 +42,8 @@ class Entry(msgspec.Struct, kw_only=True):
     """the program's text, as it was deployed: its file may be another one by now"""
     parts: dict[str, str] = {}
     """name → text of the programs that it runs"""
+    release: str = ""
+    """folder of the release that it was made from, where its nodes and behaviours are; "": of none"""
     edit: Version | None = None
 
 
@@ -58,6 +62,7 @@ class RunJournal:
             bindings=dict(deployed.bindings),
             program=deployed.program.text,
             parts=dict(deployed.program.texts),
+            release=str(deployed.folder or ""),
             edit=_version(edit) if edit else None,
         )
         fresh = self._file.with_suffix(".new")
@@ -96,6 +101,7 @@ def _version(waiting: Waiting) -> Version:
         program=newer.program.text,
         parts=dict(newer.program.texts),
         parameters=dict(waiting.parameters),
+        release=str(newer.folder or ""),
     )
 
 

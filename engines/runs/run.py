@@ -302,7 +302,8 @@ class ProgramRun:
         if within is not self._deployed:
             known = within.program.remembers()
             remembered, parameters = {name: remembered[name] for name in remembered if name in known}, {}
-        return Start((state,), remembered, parameters, paused=why)
+            return Start((state,), remembered, parameters, paused=why)
+        return Start((state,), remembered, parameters, paused=why, edit=self._edit.waiting)
 
     def edit(self, waiting: Waiting) -> None:
         """Go on in another version of the program, once the active states are there; until then, the operator is asked."""

@@ -150,7 +150,7 @@ def test_a_paused_run_waits_in_the_new_version_and_a_breakpoint_of_a_state_that_
     stack.run(goal_deg=10)
     before = state(stack, lambda run: run.waiting == ["confirming"])
     bring(stack, RENAMED.replace("Turn {valve} by", "Shall {valve} be turned by"))
-    now = state(stack, lambda run: run.hash != before.hash)
+    now = state(stack, lambda run: run.hash != before.hash and run.waiting)
     assert (now.status, now.waiting, now.breakpoints) == ("paused", ["confirming"], ["confirming"])
     stack.call(m.ResumeRun())
     assert stack.prompt().text.startswith("Shall wheel_1"), "what it has not begun it does as it is now"
@@ -185,6 +185,39 @@ def test_an_edit_that_waits_comes_back_with_the_run_of_an_engine_that_was_killed
     again.call(m.SetBreakpoints(states=[]))
     again.call(m.AnswerPrompt(id=asked.id, answer="planning"))
     assert state(again, lambda told: told.hash != before.hash and told.active == ["asking"])
+
+
+def test_run_from_another_state_the_edit_still_waits_for_its_place(stack, daemon, moving):
+    bring(stack, re.sub(r"\bstroking\b", "pushing", re.sub(r"\bconfirming\b", "asking", TEXT)))
+    lost = stack.prompt(2)
+    begun = stack.call(m.RunFrom(state="confirming"))
+    stack.wait(lambda e: isinstance(e, m.PromptClosed) and e.id == lost.id)
+    asked = stack.wait(
+        lambda e: isinstance(e, m.Prompt) and e.run == begun.run and "confirming, which is active" in e.text
+    )
+    stack.call(m.AnswerPrompt(id=asked.id, answer="planning"))
+    assert state(stack, lambda run: run.hash != moving.hash and run.active == ["asking"])
+
+
+def test_a_run_comes_back_with_the_release_that_it_was_made_from_whatever_is_in_force_by_now(
+    halted, start, wait_until, monkeypatch
+):
+    file, name = halted.engine._journal._file, halted.engine._run.state.run
+
+    def kept() -> dict:
+        return msgspec.json.decode(file.read_bytes())
+
+    bring(halted, edited(*SOFTER))
+    wait_until(lambda: kept()["release"])
+    made_from = kept()["release"]
+    bring(halted, TEXT, edited(*SOFTER))
+    wait_until(lambda: kept()["release"] != made_from)
+    killed(halted, monkeypatch)
+    file.write_bytes(msgspec.json.encode({**kept(), "release": made_from}))
+    again = start()
+    wait_until(lambda: again.call(m.GetEngine()).run.waiting == ["confirming"])
+    assert again.engine._run.state.run == name
+    assert str(again.engine._run.deployed.folder) == made_from
 
 
 def test_an_edit_that_was_answered_is_not_asked_about_again(halted, start, wait_until, monkeypatch):

@@ -432,10 +432,7 @@ class Desk(QObject):
             "playing": plans.playing,
             "segment": track.segment(plans.time),
             "marks": [
-                {"name": name, "at": at, "end": end, "level": level_of(plan, name)}
-                for (name, at), end in zip(
-                    track.marks, [*(at for _, at in track.marks[1:]), track.duration], strict=True
-                )
+                {"name": name, "at": at, "end": end, "level": level_of(plan, name)} for name, at, end in track.spans
             ],
             "keys": list(plan.key_times),
             "figures": [_shown(figure) for figure in found],

@@ -65,6 +65,8 @@ _BASE_SPEED = 0.05
 """m/s, a base's mean speed at most over feet that are held: balance is reckoned at a stand"""
 _BETWEEN_S = 1.0
 """s between key frames, for the weights of speed in the optimisation; timing is made anew afterwards"""
+PASSED = 0.005
+"""m, an angle counting 0.3 m/rad, by which a key frame may be missed on a way that does not stop there"""
 
 
 class MotionSearch:
@@ -415,19 +417,20 @@ class MotionSearch:
             raise Infeasible(f"along {follow.asked.joint} ({follow.frame})", max(off), "m", segment.name, f"at {where}")
 
     def _passes(self, segment: Segment) -> tuple[float, ...]:
-        """s at which a segment comes by every key frame, in their order. Raises Infeasible unless it does."""
-        q = self._whole(segment.positions)
+        """s at which a segment comes by every key frame, in their order. Raises Infeasible unless it is within PASSED then."""
+        times = looks(segment.times, segment.positions)
+        q = self._whole(hermite(segment.times, segment.positions, segment.velocities, times))
         first, passed = 0, list[float]()
         for number, goals in enumerate(self._motion.through):
             missed = [self._planner.solver.checker.measures(goals, one) for one in q[first:]]
             sizes = [max((m.size for m in measures), default=0.0) for measures in missed]
             best = int(np.argmin(sizes))
-            if sizes[best] > 0.01:
+            if sizes[best] > PASSED:
                 worst = max(missed[best], key=lambda m: m.size)
                 words = f"({worst.what}) is {worst.value:.3g} {worst.unit}"
                 raise Infeasible(worst.constraint, worst.by, worst.unit, f"through[{number}]", words)
             first += best
-            passed.append(float(segment.times[first]))
+            passed.append(float(times[first]))
         return tuple(passed)
 
 

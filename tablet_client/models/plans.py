@@ -20,21 +20,20 @@ class Track:
     """A plan's segments as one motion over time."""
 
     def __init__(self, plan: PlanPreview):
-        times, positions, marks, start = [], [], [], 0.0
+        times, positions, spans, start = [], [], [], 0.0
         for segment in plan.segments:
             own = np.asarray(segment.times, float)
             if not len(own):
                 continue
             times.append(own - own[0] + start)
             positions.append(np.asarray(segment.positions, float).reshape(len(own), len(plan.joints)))
-            marks.append((segment.name, start))
-            start = float(times[-1][-1])
+            spans.append((segment.name, start, start := float(times[-1][-1])))
         self.joints = tuple(plan.joints)
         self.times = np.concatenate(times) if times else np.zeros(1)
         self.positions = np.concatenate(positions) if positions else np.zeros((1, len(plan.joints)))
         """rad (k, m)"""
-        self.marks: tuple[tuple[str, float], ...] = tuple(marks)
-        """segment, s at which it starts"""
+        self.spans: tuple[tuple[str, float, float], ...] = tuple(spans)
+        """segment, s at which it starts, s at which it ends; none before a plan's segments have come"""
 
     @property
     def duration(self) -> float:
@@ -48,7 +47,7 @@ class Track:
 
     def segment(self, time: float) -> str:
         """The segment that runs at a time."""
-        return next((name for name, start in reversed(self.marks) if time >= start), "")
+        return next((name for name, start, _ in reversed(self.spans) if time >= start), "")
 
     def posture(self, joints: Sequence[str], position: Array, time: float) -> Array:
         """The whole robot's position (n,) with the plan's joints where they are at `time`."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
 
 from affordance_templates import catalogue
 from affordance_templates.instance import Instance
@@ -16,6 +17,7 @@ from engines.planning.collision.obstacles import obstacles_of
 from engines.planning.collision.world import World
 from engines.planning.ik.constraints import Constraint, Orientation, Position, Posture
 from engines.planning.ik.mechanism import Mechanism
+from engines.planning.motion_search import PASSED
 from engines.planning.plan import Infeasible, Plan
 from engines.planning.planners import Planners
 from engines.planning.timing.timing import Limits
@@ -89,10 +91,10 @@ class Robot:
                 for start, each in zip(plan.starts, plan.segments, strict=True)
                 if time <= start + each.duration + 1e-9
             )
-            row = int(np.abs(segment.times + begin - time).argmin())
-            whole[self.description.index(plan.joints)] = segment.positions[row]
+            curve = CubicHermiteSpline(segment.times + begin, segment.positions, segment.velocities)
+            whole[self.description.index(plan.joints)] = curve(time)
             far = Verifier(world)._checker.measures([one], self.configuration(whole))
-            words += [f"key frame: {measure}" for measure in far if measure.by > 0.01]
+            words += [f"key frame: {measure}" for measure in far if measure.size > PASSED + 1e-6]
         return words
 
     def constraints(self, goal: FrameGoal | JointsGoal, time: float) -> list[Constraint]:

@@ -52,9 +52,11 @@ from handrail.messages import (
     Library,
     LibraryEntry,
     ListLibrary,
+    ListNodes,
     ListRecordings,
     LoopStatistics,
     MarkedAt,
+    NodeLibrary,
     Nodes,
     Outline,
     OutlineState,
@@ -435,6 +437,7 @@ class FakeRobot:
             GetReach: lambda: self.reach(call),
             GetOutline: self.outline,
             GetNodes: lambda: self.nodes,
+            ListNodes: lambda: NodeLibrary(nodes=[]),
             GetRunHistory: lambda: RunHistory(run=self.run.run if self.run else "", visits=self.visits),
         }
         return answers[type(call)]() if type(call) in answers else None

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 
@@ -211,16 +213,30 @@ class Shown:
 
 @contextmanager
 def closed_here() -> Iterator[list[Shown]]:
-    """Windows that are put into the list are closed in the end, and collected on this thread: see `tablet_client.collecting`."""
+    """Windows that are put into the list are closed in the end, and collected on this thread: see `tablet_client.collecting`.
+
+    What a slot raises goes to Python's hook only, and whatever else that slot was to do is not done: it fails the test.
+    """
     by_itself, opened = gc.isenabled(), list[Shown]()
+    raised, said = list[BaseException](), sys.excepthook
+
+    def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        raised.append(error)
+        said(kind, error, trace)
+
     gc.disable()
-    yield opened
-    for shown in opened:
-        shown.close()
-    opened.clear()
-    gc.collect()
-    if by_itself:
-        gc.enable()
+    sys.excepthook = hook
+    try:
+        yield opened
+    finally:
+        sys.excepthook = said
+        for shown in opened:
+            shown.close()
+        opened.clear()
+        gc.collect()
+        if by_itself:
+            gc.enable()
+    assert not raised, f"a slot of the window raised {raised}"
 
 
 class Finger:

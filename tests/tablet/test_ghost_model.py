@@ -11,7 +11,7 @@ from tablet_client.models.plans import Plans, Track
 def test_segments_follow_one_another_in_time(robot):
     track = Track(robot.plan())
     assert track.duration == 3.0
-    assert track.marks == (("approach", 0.0), ("turn", 2.0))
+    assert track.spans == (("approach", 0.0, 2.0), ("turn", 2.0, 3.0))
     assert [track.segment(time) for time in (0.0, 1.99, 2.0, 3.0)] == ["approach", "approach", "turn", "turn"]
 
 

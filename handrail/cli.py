@@ -34,6 +34,8 @@ _VERBS = {
     "controllers": "Controllers of the robot that is up: list, load, configure, switch and unload them while it runs.",
     "drives": "Drive families and their references; read and set the parameters of drives on the bus.",
     "robot": "Robots: list them, check one's model against plant and network; switch the power of the one that is up.",
+    "enable": "Take the drives into operation: brakes open, and the robot holds where it is.",
+    "disable": "Take the drives out of operation: brakes close.",
     "jog": "Move one joint: jog JOINT +5deg, or jog JOINT to 0.3.",
     "home": "Bring the robot that is up to one of its postures, planned clear of everything.",
     "program": "Check or run a program of the library.",

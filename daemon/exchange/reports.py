@@ -185,6 +185,10 @@ def _how_it_ended(
     return text, detail
 
 
+NOT_ENABLED = ("the robot is not enabled: enable it first (Enable, or handrail enable)", "enabled", "false", "true")
+"""message, field, value, expectation"""
+
+
 def explain(
     answer: Answer, joint: str, value: float, problem: str = "", controller: str = ""
 ) -> tuple[str, str, str, str]:
@@ -200,7 +204,7 @@ def explain(
             "true",
             "false",
         ),
-        Answer.NOT_ENABLED: ("the robot is not enabled: call Enable first", "enabled", "false", "true"),
+        Answer.NOT_ENABLED: NOT_ENABLED,
         Answer.STOP_LATCHED: (
             "the operator stop is latched: clear it first (ClearStop, or handrail stop --clear)",
             "stopped",

@@ -16,6 +16,7 @@ import numpy as np
 
 from daemon.controllers.roster import Loaded, Roster
 from daemon.exchange import COMMAND, CONTROLLERS, MAX_ENDS, Flag
+from daemon.exchange.reports import NOT_ENABLED
 from handrail.messages import (
     FIRST_KNOT,
     CartesianImpedance,
@@ -338,7 +339,7 @@ def _check_state(snapshot: np.ndarray) -> None:
             "false",
         )
     if Flag.ENABLED not in flags:
-        raise refuse("the robot is not enabled: call Enable first", "enabled", "false", "true")
+        raise refuse(*NOT_ENABLED)
 
 
 def _rows(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from daemon.exchange.reports import NOT_ENABLED
 from engines.programs import failing, library, program
 from handrail import messages as m
 from handrail.topics import refuse
@@ -65,7 +66,7 @@ def test_what_nobody_could_foresee_waits_though_the_program_has_a_way_on_from_fa
     start = daemon._start
 
     def not_enabled(action) -> None:
-        raise refuse("the robot is not enabled: call Enable first", "enabled", False, "true")
+        raise refuse(*NOT_ENABLED)
 
     daemon._start = not_enabled
     stack.call(m.AnswerPrompt(id=stack.prompt().id, answer="approve"))

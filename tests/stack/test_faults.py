@@ -5,13 +5,17 @@ import subprocess
 import sys
 import threading
 import time
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+import typer
+from click.testing import Result
+from typer.testing import CliRunner
 
 from hal.drives.lifecycle import DriveError
-from handrail import messages
+from handrail import enable, messages
 from handrail.messages import ActionEvent, DaemonStatus, RunState
 from handrail.robot import library as robots
 from handrail.robot.kinematics import Kinematics
@@ -139,6 +143,8 @@ def test_stop_latches_until_it_is_cleared_deliberately(running_stack):
     assert status.stop_reason == "test"
     with pytest.raises(RefusedError, match=r"(?i)stop"):
         robot.enable()
+    told = _typed(stack, "enable")
+    assert told.exit_code == 1 and "handrail stop --clear" in told.stderr
     truth.after(2.0)
     hinge = truth.now().hinges["valve"]
     assert truth.after(1.0).hinges["valve"] == pytest.approx(hinge, abs=1e-3)
@@ -150,8 +156,18 @@ def test_stop_latches_until_it_is_cleared_deliberately(running_stack):
     runs.close()
     robot.clear_stop()
     assert not robot.status().enabled, "clearing the stop moves nothing"
-    robot.enable()
+    assert _typed(stack, "enable").output == "enabled: it holds where it is\n"
     assert robot.status().enabled
+    assert _typed(stack, "disable").exit_code == 0
+    status_until(listener, lambda status: not status.enabled, "disabled")
+
+
+def _typed(stack: Any, verb: str) -> Result:
+    """`handrail enable`, `handrail disable`."""
+    app = typer.Typer()
+    app.command("enable")(enable.enable)
+    app.command("disable")(enable.disable)
+    return CliRunner().invoke(app, [verb, "--connect", f"tcp://127.0.0.1:{stack.port}"])
 
 
 def test_the_run_goes_on_when_its_client_goes_away(running_stack):

@@ -28,6 +28,7 @@ from daemon.serving.challenges import Challenges
 from daemon.serving.controller_desk import ControllerDesk
 from daemon.serving.device_reports import other_columns
 from daemon.serving.drive_reports import drive_problems
+from daemon.serving.happenings import Happenings
 from daemon.serving.hardware_report import components
 from daemon.serving.health import read_health
 from daemon.serving.journal import Journal, Started
@@ -106,6 +107,7 @@ class Server:
         """what the loop is making (encoded), in which life of the loop → the serial under which it was asked for"""
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
+        self._happenings = Happenings(description)
         self._owners = Owners()
         self._challenges = Challenges(runtime.folder / "keepalives.json")
         self._leases = Leases(description, runtime.folder / "leases.json")
@@ -199,6 +201,7 @@ class Server:
                 self._latch_stop_again()
                 self._slow_down_again()
             self._desk.begin_anew()
+            self._happenings.begin_anew()
             self._generation = self._ring.generation
         for message in self._reporter.follow(snapshots):
             self._publisher.send(message)
@@ -206,6 +209,8 @@ class Server:
             self._desk.look(newest)
             for event in (*self._desk.news(), *self._desk.deactivations(newest)):
                 self._publisher.send(event)
+            for level, line in self._happenings.between(newest):
+                self._log(level, line)
         if awaited and (rows := np.flatnonzero(snapshots["answered"] == awaited)).size:
             row = snapshots[rows[0]]
             return int(row["answer"]), int(row["answer_joint"]), float(row["answer_value"])

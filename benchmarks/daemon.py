@@ -58,6 +58,8 @@ WALL_P50_US, WALL_P99_US, LOCKSTEP_P50_US = 150.0, 350.0, 100.0
 TURNS, TURN_S = 3, 20.0
 _MISSED_SHARE = 2e-3
 """of the cycles that may be missed beyond the idle loop's: what other work on the machine does to one run and not to the next"""
+_UNNOTICED_US = 1.0
+"""of lateness, a thousandth of a period: both loops spin up to it, and one look at the clock with cold caches takes as long"""
 _SWAY, _SWAY_S, _LASTS_S = 0.15, 4.0, 200.0
 """rad; s of one swing, and of the motion: a turn of robot time in lock-step is longer than of the wall clock"""
 _SETTLES_S, _POLL_S = 1.0, 0.05
@@ -117,7 +119,8 @@ def compared(
     )
     for percent in (50, 99):
         name, mine = f"wake-up lateness, five tasks, p{percent}", float(np.percentile(late, percent))
-        found.append(against(name, mine, "µs", "idle loop", float(np.percentile(idle_late, percent)), at_most=2.0))
+        theirs = float(np.percentile(idle_late, percent))
+        found.append(against(name, mine, "µs", "idle loop", theirs, at_most=2.0, unnoticed=_UNNOTICED_US))
         if missing:
             found.append(
                 Row(

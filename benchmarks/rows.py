@@ -24,15 +24,17 @@ class Row(msgspec.Struct, kw_only=True):
     """value / peer_value"""
 
 
-def against(name: str, value: float, unit: str, peer: str, peer_value: float, *, at_most: float) -> Row:
-    """A row that holds when value / peer_value is at most `at_most`."""
+def against(
+    name: str, value: float, unit: str, peer: str, peer_value: float, *, at_most: float, unnoticed: float = 0.0
+) -> Row:
+    """A row that holds when value / peer_value is at most `at_most`, or the value itself at most `unnoticed`."""
     ratio = value / peer_value
     return Row(
         name=name,
         value=round(value, 3),
         unit=unit,
-        goal=f"ratio ≤ {at_most:g}",
-        holds=ratio <= at_most,
+        goal=f"ratio ≤ {at_most:g}, or {unnoticed:g} {unit}" if unnoticed else f"ratio ≤ {at_most:g}",
+        holds=ratio <= at_most or value <= unnoticed,
         peer=peer,
         peer_value=round(peer_value, 3),
         ratio=round(ratio, 4),

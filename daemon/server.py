@@ -19,8 +19,6 @@ import zmq
 from daemon import exchange
 from daemon.controllers.roster import roster_file
 from daemon.exchange import Kind
-from daemon.exchange.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
-from daemon.exchange.mailbox import MailboxFull, MailboxWriter
 from daemon.exchange.ring import StateRingReader
 from daemon.safety.report import safety_report
 from daemon.serving.authority import check_speed, check_steering, owner_of
@@ -33,8 +31,11 @@ from daemon.serving.hardware_report import components
 from daemon.serving.health import read_health
 from daemon.serving.journal import Journal, Started
 from daemon.serving.leases import Leases
+from daemon.serving.loop_door import ANSWER_TIMEOUT_S, NO_LOOP, Answered, LoopDoor
 from daemon.serving.owners import Owners
+from daemon.serving.preparations import Preparations
 from daemon.serving.reporter import Reporter
+from daemon.serving.robot_info import robot_info
 from daemon.serving.validation import (
     check_behaviour,
     check_gripper,
@@ -44,9 +45,7 @@ from daemon.serving.validation import (
     check_start,
     check_stream,
     joints_of,
-    within,
 )
-from daemon.serving.whole_body_door import WholeBodyDoor
 from daemon.state.bus_watch import BusWatch
 from daemon.timing import TimingReader, loop_timing
 from handrail import messages as m
@@ -64,19 +63,13 @@ _ABOUT_DEVICES = (
     exchange.Answer.TWISTED,
 )
 """answers that are about a device, not a joint"""
-_ANSWER_TIMEOUT_S = 3.0
-"""how long a call waits for the loop's word: it looks into its mailbox every cycle, and cycles in lock-step are long where the
-machine is busy. With the preparation's less than callers wait (handrail.topics.Caller)."""
-_PREPARE_TIMEOUT_S, _PREPARE_PERIOD_S = 1.5, 0.01
-"""for how long, and how often, the server asks whether a controller that takes long to make is there"""
-_MAKING_AT_ONCE = 16
 _STOP_TIMEOUT_S = 0.3
+_TARING_S = 1.5
 _STATUS_PERIOD_S = 0.2
 _WATCH_PERIOD_S = 0.1
 _RECONNECT_S = 0.3
 _ABOUT_CONTROLLERS = (exchange.Answer.CONTROLLER_STATE, exchange.Answer.CHAIN_BROKEN, exchange.Answer.NOT_ACTIVATED)
 _Steering = m.CancelAction | m.PauseAction | m.ResumeAction | m.StreamPose | m.StreamJoints
-_NO_LOOP = "the daemon's loop is not running; its supervisor starts it anew, and nothing moves before Enable"
 
 
 class Server:
@@ -100,28 +93,22 @@ class Server:
         snapshot = exchange.snapshot_dtype(description)
         self._ring = StateRingReader(runtime.state_ring, snapshot)
         self._timing = TimingReader(runtime.timing)
-        self._mailbox = MailboxWriter(runtime.mailbox, exchange.COMMAND)
         self._journal = Journal(runtime.folder / "actions.json")
-        self._whole_body = WholeBodyDoor(description)
-        self._making: dict[tuple[bytes, int], int] = {}
-        """what the loop is making (encoded), in which life of the loop → the serial under which it was asked for"""
         self._reporter = Reporter(description, clock, self._journal, columns)
         self._desk = ControllerDesk(description, roster_file(runtime))
         self._happenings = Happenings(description)
         self._owners = Owners()
         self._challenges = Challenges(runtime.folder / "keepalives.json")
         self._leases = Leases(description, runtime.folder / "leases.json")
-        # Counts on across restarts of this server: the loop must never see a serial twice.
-        self._serial = time.monotonic_ns()
         self._generation = 0
-        self._doorbell = Doorbell(server_doorbell(runtime.folder))
-        self._loop_bell = Bell(loop_doorbell(runtime.folder))
+        self._door = LoopDoor(runtime, self._publish_news, self._words, self._log)
+        self._preparations = Preparations(description, self._door, self._publish_news)
         self._bus = BusWatch(runtime, description.channels)
         self._publisher = Publisher(runtime.endpoint("daemon.events"), context=context)
         self._service = Service(runtime.endpoint("daemon.call"), m.DaemonCall, self._handle, context=context)
         self._poller = zmq.Poller()
         self._poller.register(self._service.socket, zmq.POLLIN)
-        self._poller.register(self._doorbell.fileno(), zmq.POLLIN)
+        self._poller.register(self._door.doorbell.fileno(), zmq.POLLIN)
         self._next_status = self._next_watch = 0.0
         self._handlers: dict[type, Any] = {
             m.GetRobot: lambda _: robot_info(description),
@@ -135,8 +122,8 @@ class Server:
             m.ConfigureController: lambda call: self._ask_about_controllers(self._desk.configure, call),
             m.SwitchControllers: self._switch_controllers,
             m.UnloadController: lambda call: self._ask_about_controllers(self._desk.unload, call),
-            m.Enable: lambda _: self._ask(Kind.ENABLE),
-            m.Disable: lambda _: self._ask(Kind.DISABLE),
+            m.Enable: lambda _: self._door.ask(Kind.ENABLE),
+            m.Disable: lambda _: self._door.ask(Kind.DISABLE),
             m.Stop: self._stop,
             m.ClearStop: lambda _: self._tell_stop_socket(lambda: clear_stop(runtime, _STOP_TIMEOUT_S)),
             m.CheckIn: lambda call: self._owners.check_in(call.owner),
@@ -150,9 +137,9 @@ class Server:
             m.ReleaseTime: self._release_time,
             m.StartAction: self._start,
             m.StartBehaviour: self._start,
-            m.CancelAction: lambda call: self._ask(Kind.CANCEL, action=self._theirs(call).serial),
-            m.PauseAction: lambda call: self._ask(Kind.PAUSE, action=self._theirs(call).serial),
-            m.ResumeAction: lambda call: self._ask(Kind.RESUME, action=self._theirs(call).serial),
+            m.CancelAction: lambda call: self._door.ask(Kind.CANCEL, action=self._theirs(call).serial),
+            m.PauseAction: lambda call: self._door.ask(Kind.PAUSE, action=self._theirs(call).serial),
+            m.ResumeAction: lambda call: self._door.ask(Kind.RESUME, action=self._theirs(call).serial),
             m.SetSpeed: self._set_speed,
             m.StreamPose: self._stream,
             m.StreamJoints: self._stream_joints,
@@ -170,7 +157,7 @@ class Server:
     def step(self, timeout_s: float = _WATCH_PERIOD_S) -> None:
         """Sleep until something comes, at most `timeout_s`, and deal with all of it."""
         woken_by = dict(self._poller.poll(round(timeout_s * 1000)))
-        self._doorbell.clear()
+        self._door.doorbell.clear()
         self._publish_news()
         if self._service.socket in woken_by:  # else it may be read in vain, which costs as much as a message
             self._service.poll(0)
@@ -186,13 +173,12 @@ class Server:
         """Free the endpoints."""
         self._service.close()
         self._publisher.close()
-        self._doorbell.close()
-        self._loop_bell.close()
+        self._door.close()
         self._bus.close()
 
     # ---------------------------------------------------------------------------------------------- what the loop tells
 
-    def _publish_news(self, awaited: int = 0) -> tuple[int, int, float] | None:
+    def _publish_news(self, awaited: int = 0) -> Answered | None:
         """Publish what the ring holds. The loop's (answer, joint, value) to command `awaited`, if it is among that."""
         snapshots = self._ring.read()
         if self._ring.generation != self._generation:
@@ -234,10 +220,10 @@ class Server:
     def _slow_down_again(self) -> None:
         """A loop that is started anew runs motions no faster than the one before was told to."""
         if self._reporter.snapshot is not None and 0.0 < (share := float(self._reporter.snapshot["speed"])) < 1.0:
-            self._post_unasked(Kind.SET_SPEED, value=share)
+            self._door.tell(Kind.SET_SPEED, value=share)
 
     def _watch(self, now: float) -> None:
-        if not self._loop_bell.ring() and self._reporter.alive:
+        if not self._door.ring() and self._reporter.alive:
             self._lose_loop("the daemon's loop died; its drives quick-stop by their own watchdog")
         snapshot = self._reporter.snapshot
         self._owners.tick(
@@ -249,7 +235,7 @@ class Server:
             lost = self._leases.lose(name)
             what = ", ".join(["its action is ended", *(f"its lease on {lease.part} is lost" for lease in lost)])
             self._log("warning", f"{name} did not check in: {what}")
-            self._post_unasked(Kind.LOSE_OWNER, owner=owner)
+            self._door.tell(Kind.LOSE_OWNER, owner=owner)
 
     def _status(self) -> m.DaemonStatus:
         health, buses = read_health(self._runtime.folder), self._bus.states()
@@ -264,7 +250,7 @@ class Server:
     def _safety(self) -> m.SafetyReport:
         self._publish_news()
         if self._reporter.snapshot is None or not self._reporter.alive:
-            raise refuse(_NO_LOOP)
+            raise refuse(NO_LOOP)
         snapshot = self._reporter.snapshot
         return safety_report(snapshot, self._description, drive_problems(snapshot, self._description))
 
@@ -272,7 +258,7 @@ class Server:
         self._publish_news()
         record = self._timing.read()
         if record is None or not self._reporter.alive:
-            raise refuse(_NO_LOOP)
+            raise refuse(NO_LOOP)
         if call.reset:
             self._timing.begin_anew()
         description = self._description
@@ -281,7 +267,7 @@ class Server:
     def _tell_base(self) -> m.Base:
         self._publish_news()
         if self._reporter.snapshot is None or not self._reporter.alive:
-            raise refuse(_NO_LOOP)
+            raise refuse(NO_LOOP)
         return exchange.base(self._reporter.snapshot, [foot.name for foot in self._description.feet])
 
     # -------------------------------------------------------------------------------------------------------- calls
@@ -289,70 +275,40 @@ class Server:
     def _handle(self, call: Any) -> msgspec.Struct | None:
         return self._handlers[type(call)](call)
 
-    def _count(self) -> int:
-        self._serial += 1
-        return self._serial
-
-    def _ask(self, kind: Kind, *, owner: int = 0, action: int = 0, value: float = 0.0) -> None:
-        """Give the loop a command without payload; RefusedError unless it accepts."""
-        header = exchange.encode_command(kind, self._count(), owner=owner, action=action, value=value)
-        self._require_accepted(self._post(header))
-
-    def _post(self, header: np.ndarray, payload: np.ndarray | None = None) -> tuple[int, int, float] | None:
-        """Give the loop a command and wait for its (answer, joint, value); None: no word in time. RefusedError: not given."""
-        try:
-            self._mailbox.post(header, payload)
-        except MailboxFull as error:
-            raise refuse(str(error) if self._loop_bell.ring() else _NO_LOOP) from error
-        if not self._loop_bell.ring():
-            raise refuse(_NO_LOOP)
-        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
-        while (answer := self._publish_news(int(header["serial"]))) is None:
-            if (left := deadline - time.monotonic()) <= 0:
-                return None
-            self._doorbell.wait(left)
-        return answer
-
-    def _require_accepted(self, answer: tuple[int, int, float] | None) -> None:
-        if answer is None:
-            raise refuse(
-                f"the daemon's loop gave no answer in {_ANSWER_TIMEOUT_S:g} s; it may still do what it was told"
-            )
+    def _words(self, answer: Answered) -> tuple[str, str, Any, str]:
         code, joint, value = answer
-        if code != exchange.Answer.ACCEPTED:
-            named = self._description.joints
-            if code in _ABOUT_DEVICES:
-                named = tuple(device.name for device in self._description.devices)
-            elif code == exchange.Answer.NOT_STANDING:
-                named = tuple(foot.name for foot in self._description.feet)
-            name = named[joint] if joint >= 0 else ""
-            controller = self._desk.name_of(value) if code in _ABOUT_CONTROLLERS else ""
-            problem = self._reporter.drive_problem(name)
-            raise refuse(*exchange.explain(exchange.Answer(code), name, value, problem, controller))
+        named = self._description.joints
+        if code in _ABOUT_DEVICES:
+            named = tuple(device.name for device in self._description.devices)
+        elif code == exchange.Answer.NOT_STANDING:
+            named = tuple(foot.name for foot in self._description.feet)
+        name = named[joint] if joint >= 0 else ""
+        controller = self._desk.name_of(value) if code in _ABOUT_CONTROLLERS else ""
+        return exchange.explain(exchange.Answer(code), name, value, self._reporter.drive_problem(name), controller)
 
     def _with_roster(self) -> np.ndarray:
         """The newest snapshot, once the roster that it is about has been written. RefusedError: there is none."""
-        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+        deadline = time.monotonic() + ANSWER_TIMEOUT_S
         while True:
             self._publish_news()
             snapshot = self._reporter.snapshot
             if snapshot is None or not self._reporter.alive:
-                raise refuse(_NO_LOOP)
+                raise refuse(NO_LOOP)
             if self._desk.look(snapshot):
                 return snapshot
             if (left := deadline - time.monotonic()) <= 0:
-                raise refuse(f"the daemon's loop has not said in {_ANSWER_TIMEOUT_S:g} s which controllers are loaded")
-            self._doorbell.wait(left)
+                raise refuse(f"the daemon's loop has not said in {ANSWER_TIMEOUT_S:g} s which controllers are loaded")
+            self._door.doorbell.wait(left)
 
     def _ask_about_controllers(self, encode: Any, call: m.Message) -> None:
         self._with_roster()
-        self._require_accepted(self._post(*encode(call, self._count())))
+        self._door.require(self._door.post(*encode(call, self._door.count())))
 
     def _start(self, call: m.StartAction | m.StartBehaviour) -> None:
         self._publish_news()  # judge it by the newest snapshot
         snapshot = self._reporter.snapshot
         if snapshot is None or not self._reporter.alive:
-            raise refuse(_NO_LOOP)
+            raise refuse(NO_LOOP)
         if self._journal.named(call.id) is not None:
             raise refuse("an action of this id is running", "id", call.id, "an id of its own")
         moving = call.motion if isinstance(call, m.StartAction) else call.steps[0].motion
@@ -362,17 +318,17 @@ class Server:
         self._leases.check(call.owner, joints, call.lease, call.sequence)
         owner = self._owners.number
         if isinstance(call, m.StartAction):
-            check_start(call, self._description, self._frames, snapshot, self._mailbox.floats)
-            prepared = self._prepare([call], snapshot).get(0, 0)
-            serial = self._count()
+            check_start(call, self._description, self._frames, snapshot, self._door.floats)
+            prepared = self._preparations.made([call], snapshot, self._generation).get(0, 0)
+            serial = self._door.count()
             started = Started(serial, call.id, call.owner, call.ends, joints)
             header, payload = exchange.encode_start(
                 call, serial, owner(call.owner), self._joints, self._frames, prepared, self._devices
             )
         else:
-            orders = check_behaviour(call, self._description, self._frames, snapshot, self._mailbox.floats)
-            made = self._prepare(call.steps, snapshot)
-            serial = self._count()
+            orders = check_behaviour(call, self._description, self._frames, snapshot, self._door.floats)
+            made = self._preparations.made(call.steps, snapshot, self._generation)
+            serial = self._door.count()
             steps = [(step.name, step.ends) for step in call.steps]
             started = Started(serial, call.id, call.owner, [], joints, steps)
             header, payload = exchange.encode_behaviour(
@@ -382,14 +338,14 @@ class Server:
         self._journal.begin(started)
         answer = None
         try:
-            answer = self._post(header, payload)
-            self._require_accepted(answer)
+            answer = self._door.post(header, payload)
+            self._door.require(answer)
         except RefusedError:
             if answer is not None or not self._reporter.alive:
                 self._journal.ended(serial)
             else:
                 # The caller is told that it does not run: make that true, whenever the loop comes to it.
-                self._post_unasked(Kind.CANCEL, action=serial)
+                self._door.tell(Kind.CANCEL, action=serial)
             raise
 
     def _switch_controllers(self, call: m.SwitchControllers) -> None:
@@ -401,7 +357,7 @@ class Server:
 
     def _bind_keepalive(self, call: m.BindKeepalive) -> m.Challenge:
         self._challenges.allow(call.owner, call.by)
-        self._ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=call.timeout_s)
+        self._door.ask(Kind.BIND_KEEPALIVE, owner=self._owners.number(call.owner), value=call.timeout_s)
         self._challenges.bind(call.owner, call.by)
         return m.Challenge(challenge=self._challenges.issue(call.owner))
 
@@ -422,10 +378,10 @@ class Server:
 
     def _tell_keepalive(self, kind: Kind, owner: str) -> None:
         """As `_ask`. One that the loop knows nothing of has ended, and is nobody's any more; a loop that is busy ends none."""
-        answer = self._post(exchange.encode_command(kind, self._count(), owner=self._owners.number(owner)))
+        answer = self._door.post(exchange.encode_command(kind, self._door.count(), owner=self._owners.number(owner)))
         if answer is not None and answer[0] == exchange.Answer.KEEPALIVE_LOST:
             self._challenges.forget(owner)
-        self._require_accepted(answer)
+        self._door.require(answer)
 
     def _take_lease(self, call: m.TakeLease) -> m.Lease:
         lease, ended = self._leases.take(call.owner, call.part, call.take_over)
@@ -433,121 +389,55 @@ class Server:
         theirs = {one.owner for one in ended}
         for started in self._journal.running():
             if started.owner in theirs and self._leases.parts[call.part] & set(started.joints):
-                self._post_unasked(Kind.CANCEL, action=started.serial)
+                self._door.tell(Kind.CANCEL, action=started.serial)
         return m.Lease(
             part=lease.part, owner=lease.owner, epoch=lease.epoch, sequence=self._leases.sequence(call.owner)
         )
 
-    def _prepare(self, asked: Sequence[m.StartAction | m.Step], snapshot: np.ndarray) -> dict[int, int]:
-        """Have the loop make the controllers of all whole-body motions among these: row → the serial under which its lies ready.
-
-        RefusedError: what is wrong with one, or that they are not ready yet.
-        """
-        gives_up = time.monotonic() + _PREPARE_TIMEOUT_S
-        checked = {}
-        for row, one in enumerate(asked):
-            if not isinstance(one.motion, m.WholeBody):
-                continue
-            while not self._whole_body.open(_PREPARE_PERIOD_S):
-                self._publish_news()
-                if time.monotonic() > gives_up:
-                    raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
-            with within(f"steps[{row}]" if isinstance(one, m.Step) else ""):
-                position = snapshot["position"]
-                checked[row] = self._whole_body.checked(one.motion, one.ends, position, self._mailbox.floats)
-        keys = {row: (msgspec.msgpack.encode(motion), self._generation) for row, motion in checked.items()}
-        for row, key in keys.items():  # all of them, before any is waited for
-            if key in self._making:  # moved to the newest: what else is begun must not push it out
-                self._making[key] = self._making.pop(key)
-            else:
-                self._begin_making(key, checked[row])
-        for key in keys.values():
-            self._await_made(key, gives_up)
-        made = {row: self._making[key] for row, key in keys.items()}
-        for key in set(keys.values()):
-            del self._making[key]
-        return made
-
-    def _begin_making(self, key: tuple[bytes, int], motion: m.WholeBody) -> None:
-        waiting = [(known, serial) for known, serial in self._making.items() if known[1] == self._generation]
-        self._making = dict(waiting[-_MAKING_AT_ONCE:])  # the loop forgets what nobody came for, too
-        self._making[key] = serial = self._count()
-        answer = self._post(*exchange.encode_prepare(motion, serial))
-        if answer is None or answer[0] != exchange.Answer.NOT_READY:
-            del self._making[key]
-            self._require_accepted(answer)
-
-    def _await_made(self, key: tuple[bytes, int], gives_up: float) -> None:
-        """RefusedError: it has not been made before then (asked for again, it may be), or can't be."""
-        while True:
-            if key not in self._making:  # the loop was started anew meanwhile
-                raise refuse(*exchange.explain(exchange.Answer.NOT_READY, "", 0.0))
-            answer = self._post(exchange.encode_command(Kind.PREPARE, self._count(), action=self._making[key]))
-            if answer is None or answer[0] != exchange.Answer.NOT_READY or time.monotonic() >= gives_up:
-                break
-            self._doorbell.wait(_PREPARE_PERIOD_S)
-        if answer is None or answer[0] not in (exchange.Answer.NOT_READY, exchange.Answer.ACCEPTED):
-            del self._making[key]
-        self._require_accepted(answer)
-
     def _stream(self, call: m.StreamPose) -> None:
         check_stream(call)
         serial = self._theirs(call).serial
-        self._require_accepted(self._post(*exchange.encode_stream(call, self._count(), serial)))
+        self._door.require(self._door.post(*exchange.encode_stream(call, self._door.count(), serial)))
 
     def _stream_joints(self, call: m.StreamJoints) -> None:
         started = self._theirs(call)
         check_joints(call, started.joints, self._description)
         self._owners.check_in(started.owner)
-        try:
-            # Nobody waits for the loop's word: the next sample is on its way.
-            self._mailbox.post(*exchange.encode_joints(call, self._count(), started.serial))
-        except MailboxFull as error:
-            raise refuse(str(error)) from error
-        if not self._loop_bell.ring():
-            raise refuse(_NO_LOOP)
+        # Nobody waits for the loop's word: the next sample is on its way.
+        self._door.leave(*exchange.encode_joints(call, self._door.count(), started.serial))
 
     def _command_gripper(self, call: m.CommandGripper) -> None:
         owner = owner_of(call.owner, call.by)
         self._leases.check(owner, [call.gripper], call.lease, call.sequence)
         row, values = check_gripper(call, self._description)
-        header = exchange.encode_device(self._count(), row, values)
-        self._require_accepted(self._post(header))
+        header = exchange.encode_device(self._door.count(), row, values)
+        self._door.require(self._door.post(header))
 
     def _switch_relay(self, call: m.SwitchRelay) -> None:
         row = check_power(call, self._description)
-        header = exchange.encode_device(self._count(), row, (call.closed, call.force), Kind.RELAY)
-        self._require_accepted(self._post(header))
+        header = exchange.encode_device(self._door.count(), row, (call.closed, call.force), Kind.RELAY)
+        self._door.require(self._door.post(header))
 
     def _tare(self, call: m.TareSensor) -> m.Tared:
         row = check_sensor(call, self._description)
-        gives_up = time.monotonic() + _PREPARE_TIMEOUT_S
-        while True:
-            answer = self._post(exchange.encode_device(self._count(), row, (), Kind.TARE))
-            if answer is None or answer[0] != exchange.Answer.TARING or time.monotonic() > gives_up:
-                break
-            self._doorbell.wait(_PREPARE_PERIOD_S)
-        self._require_accepted(answer)
+        answer = self._door.post_while(
+            exchange.Answer.TARING,
+            lambda: (exchange.encode_device(self._door.count(), row, (), Kind.TARE), None),
+            time.monotonic() + _TARING_S,
+        )
+        self._door.require(answer)
         assert answer is not None
         return m.Tared(sensor=call.sensor, offset=answer[2])
-
-    def _post_unasked(self, kind: Kind, *, owner: int = 0, action: int = 0, value: float = 0.0) -> None:
-        """Give the loop a command whose answer nobody waits for."""
-        try:
-            self._mailbox.post(exchange.encode_command(kind, self._count(), owner=owner, action=action, value=value))
-        except MailboxFull as error:
-            self._log("error", f"{kind.name.lower()} was not delivered: {error}")
-        self._loop_bell.ring()
 
     def _set_speed(self, call: m.SetSpeed) -> None:
         self._publish_news()
         started = self._running(call.id) if call.id else None
         serial, snapshot = started.serial if started else 0, self._reporter.snapshot
         if snapshot is None:
-            raise refuse(_NO_LOOP)
+            raise refuse(NO_LOOP)
         shares = [slot["speed"] for slot in snapshot["actions"] if serial and slot["serial"] == serial]
         check_speed(call, float((shares or [snapshot["speed"]])[0]), started.owner if started else "")
-        self._ask(Kind.SET_SPEED, action=serial, value=call.share)
+        self._door.ask(Kind.SET_SPEED, action=serial, value=call.share)
 
     def _running(self, action: str) -> Started:
         """A running action. Raises RefusedError."""
@@ -567,11 +457,11 @@ class Server:
         if not np.isfinite(call.limit_s):
             raise refuse("a hold ends by itself", "limit_s", call.limit_s, "a finite number of seconds")
         if self._clock == "lockstep":
-            self._ask(Kind.HOLD_TIME, owner=self._owners.number(call.owner), value=call.limit_s)
+            self._door.ask(Kind.HOLD_TIME, owner=self._owners.number(call.owner), value=call.limit_s)
 
     def _release_time(self, call: m.ReleaseTime) -> None:
         if self._clock == "lockstep":
-            self._ask(Kind.RELEASE_TIME, owner=self._owners.number(call.owner))
+            self._door.ask(Kind.RELEASE_TIME, owner=self._owners.number(call.owner))
 
     def _stop(self, call: m.Stop) -> None:
         self._tell_stop_socket(lambda: stop_now(self._runtime, call.reason or "a client", _STOP_TIMEOUT_S))
@@ -581,24 +471,6 @@ class Server:
             tell()
         except NoAnswer as error:
             raise refuse(str(error)) from error
-
-
-def robot_info(description: RobotDescription) -> m.RobotInfo:
-    """What clients must know of the robot."""
-    return m.RobotInfo(
-        name=description.name,
-        joints=list(description.joints),
-        lower=description.lower.tolist(),
-        upper=description.upper.tolist(),
-        velocity_limit=description.velocity_limit.tolist(),
-        torque_limit=description.torque_limit.tolist(),
-        groups={name: list(joints) for name, joints in description.groups.items()},
-        tools={name: arm.tool for name, arm in description.arms.items()},
-        tips={name: arm.tip for name, arm in description.arms.items()},
-        arms={name: list(arm.joints) for name, arm in description.arms.items()},
-        home=description.home,
-        period_ns=description.period_ns,
-    )
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -106,7 +106,7 @@ def run(
 def _try_on(file: Path, robot: str, arm: str) -> None:
     """Whether the daemon would take it of a robot in its home posture. Raises ConfigError, ValueError, RefusedError."""
     from daemon import exchange
-    from daemon.server import robot_info
+    from daemon.serving.robot_info import robot_info
     from daemon.serving.validation import check_behaviour, within
     from daemon.serving.whole_body_door import WholeBodyDoor
 

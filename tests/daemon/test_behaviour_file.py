@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from daemon.actions.cli import app
 from daemon.exchange import Answer, Kind, Outcome, PreparedMotion
-from daemon.server import robot_info
+from daemon.serving.robot_info import robot_info
 from daemon.serving.whole_body_door import WholeBodyDoor
 from handrail.behaviour_file import BehaviourFile, Part, find
 from handrail.config import ConfigError
@@ -150,7 +150,7 @@ def test_whole_body_steps_are_made_before_the_behaviour_starts_and_those_that_ar
 
 @pytest.mark.usefixtures("loaded")
 def test_run_asks_again_while_a_step_is_still_being_made(rig: Rig, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("daemon.server._PREPARE_TIMEOUT_S", 0.0)
+    monkeypatch.setattr("daemon.serving.preparations.PATIENCE_S", 0.0)
     loop = rig.start_loop()
     loop.answers[Kind.PREPARE] = (Answer.NOT_READY, -1, 0.0)
     looks: list[int] = []

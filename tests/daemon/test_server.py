@@ -17,12 +17,13 @@ import numpy as np
 import pytest
 import zmq
 
-from daemon import exchange, server
+from daemon import exchange
 from daemon.exchange import ActionState, Answer, Command, Flag, Kind, Outcome
 from daemon.exchange.doorbell import Bell, Doorbell, loop_doorbell, server_doorbell
 from daemon.exchange.mailbox import MailboxReader
 from daemon.exchange.ring import StateRingWriter
 from daemon.server import Server
+from daemon.serving import loop_door
 from daemon.state import bus_watch
 from hal.can.faults import Fault
 from hal.can.hub import Hub
@@ -718,7 +719,7 @@ def test_an_end_that_came_while_no_server_ran_is_told_by_the_next(rig: Rig) -> N
 def test_a_start_that_the_loop_takes_too_late_is_refused_and_then_cancelled(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "_ANSWER_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(loop_door, "ANSWER_TIMEOUT_S", 0.1)
     loop = rig.start_loop()
     loop.deaf = True
     assert "no answer" in rig.refusal(rig.action("a1")).message

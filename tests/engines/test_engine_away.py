@@ -17,7 +17,7 @@ import zmq
 import zmq.asyncio
 from typer.testing import CliRunner
 
-from daemon.server import robot_info
+from daemon.serving.robot_info import robot_info
 from engines.away import engine
 from engines.uplink import Uplink
 from handrail import messages as m

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from daemon.exchange import ActionState, Outcome
-from daemon.server import robot_info
+from daemon.serving.robot_info import robot_info
 from hal.plant.bullet import pybullet as p
 from hal.plant.scene import EMPTY, Box, Scene
 from handrail.behaviour_file import BehaviourFile

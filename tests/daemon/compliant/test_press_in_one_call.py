@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from daemon.exchange import ActionState, Outcome
-from daemon.server import robot_info
+from daemon.serving.robot_info import robot_info
 from hal.plant import scene
 from handrail.behaviour_file import BehaviourFile
 

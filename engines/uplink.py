@@ -75,7 +75,8 @@ class Uplink:
         self._to_say: deque[Said] = deque(maxlen=_KEPT)
         self._loop = asyncio.new_event_loop()
         self._something = asyncio.Event()
-        self._attending = asyncio.Event()
+        self._attending, self._listening = asyncio.Event(), asyncio.Event()
+        """the engine answers; what it tells is heard: it is called for nothing before, or nobody would learn what came of it"""
         self._ended = asyncio.Event()
         self._events = session.listen(
             (RobotState, DaemonStatus, ActionEvent, InstanceState, EngineInfo, Live, *((PointCloud,) if clouds else ()))
@@ -185,6 +186,7 @@ class Uplink:
             self._put(Said(answer, number=call.number))
 
         await self._attending.wait()
+        await self._listening.wait()
         refusal = ""
         while True:
             try:
@@ -206,8 +208,13 @@ class Uplink:
         """What the engine tells."""
         socket = context.socket(zmq.SUB)
         socket.setsockopt(zmq.LINGER, 0)
+        socket.setsockopt(zmq.RECONNECT_IVL, 20)  # the engine is being made
         socket.subscribe(b"")
-        socket.connect(self._runtime.endpoint(f"{self._name}.events"))
+        with socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED) as monitor:
+            socket.connect(self._runtime.endpoint(f"{self._name}.events"))
+            await monitor.recv_multipart()
+            socket.disable_monitor()
+        self._listening.set()
         while True:
             name, payload = await socket.recv_multipart()
             if name.decode() in codec.GUEST_EVENTS:

@@ -65,6 +65,9 @@ def check(
             _out.print(
                 f"{program.name}: sound, {len(list(program.states()))} states, hash {program.hash}", highlight=False
             )
+            if program.whole_because:
+                told = f"  a process node carries it out whole, since no program can say that: {program.whole_because}"
+                _out.print(told, markup=False, highlight=False, soft_wrap=True)
         except ConfigError as problem:
             wrong = True
             _err.print(str(problem), style="red", markup=False, highlight=False, soft_wrap=True)

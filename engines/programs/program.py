@@ -9,14 +9,14 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from engines.programs import actions, scxml
+from engines.programs import actions, scxml, scxml_machine
 from engines.programs.actions import Action
 from engines.programs.schema import (
     HistoryFile,
@@ -127,6 +127,8 @@ class Program:
     """top-level states, in the file's order"""
     texts: Mapping[str, str]
     """program → its file's content, of all that it runs"""
+    whole_because: str = ""
+    """what of its SCXML file no program can say, so that a node carries it out whole; empty: its states are the file's"""
 
     @functools.cached_property
     def names(self) -> frozenset[str]:
@@ -208,23 +210,37 @@ class _Reader:
         """programs that are being read, each of which runs the next"""
 
     def read(self, file: Path) -> Program:
+        if file.suffix != scxml.SUFFIX:
+            return self._checked(file, config.read(file))
+        try:
+            return self._checked(file, scxml.read(file))
+        except config.ConfigError as problem:
+            machine = scxml_machine.read(file)
+            if machine is None:
+                raise
+            return replace(self._checked(file, machine, scxml_machine.parts(file)), whole_because=str(problem))
+
+    def _checked(self, file: Path, document: config.Document, parts: Iterable[Path] = ()) -> Program:
         from engines.programs import check as program_check
 
-        document = scxml.read(file) if file.suffix == scxml.SUFFIX else config.read(file)
         whole = document.convert(ProgramFile)
         if not whole.states:
             raise document.error("states", "got none; expected at least one")
         content = file.read_bytes()
         roots = tuple(_state(document, f"states.{id}", id, None) for id in whole.states)
-        self._chain.append((file.stem, file.resolve()))
         callers = [state for root in roots for state in root.all() if state.file.do == PROGRAM]
-        for state in callers:
-            state.called = self._called(document, state)
-        self._chain.pop()
+        self._chain.append((file.stem, file.resolve()))
+        try:
+            for state in callers:
+                state.called = self._called(document, state)
+        finally:
+            self._chain.pop()
         called = {state.called.name: state.called for state in callers if state.called is not None}
         digest = hashlib.sha256(content)
         for name in sorted(called):
             digest.update(f"{name} {called[name].hash}".encode())
+        for part in parts:
+            digest.update(f"{part.name} ".encode() + part.read_bytes())
         program = Program(
             name=file.stem,
             title=whole.title,

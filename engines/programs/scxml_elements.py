@@ -11,7 +11,7 @@ from handrail.config import ConfigError
 
 OWN = "https://handrail/scxml"
 """namespace of attributes of ours: `resource`, `template`, `parameter`, `unit`, `min`, `max` of `<data>`"""
-_SCXML = "http://www.w3.org/2005/07/scxml"
+SCXML = "http://www.w3.org/2005/07/scxml"
 ATTRIBUTES = {
     "scxml": {"name", "initial", "version", "datamodel", "binding"},
     "state": {"id", "initial"},
@@ -54,7 +54,7 @@ def parsed(file: Path) -> Element:
     def start(tag: str, attributes: dict[str, str]) -> None:
         space, _, name = tag.rpartition(" ")
         line = parser.CurrentLineNumber
-        if space not in ("", _SCXML):
+        if space not in ("", SCXML):
             raise ConfigError(file, line, f"<{name}>", f"of {space!r}, which no program has; expected SCXML's elements")
         inside[-1].children.append(Element(name, line, attributes))
         inside.append(inside[-1].children[-1])

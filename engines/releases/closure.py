@@ -10,7 +10,7 @@ from affordance_templates import catalogue, template_file
 from engines.activities import ACTIVITIES
 from engines.activities.base import Kind
 from engines.nodes import library as nodes
-from engines.programs import library, scxml
+from engines.programs import library, scxml, scxml_machine
 from engines.programs.program import Program
 from engines.releases.check import NODES
 from handrail import behaviour_file, workspace
@@ -77,6 +77,8 @@ def _own(program: Program) -> Iterator[tuple[str, Path]]:
     """Its file, and its resources' templates."""
     source = program.document.file
     yield f"rtc_programs/{program.name}{scxml.SUFFIX if source.suffix == scxml.SUFFIX else '.yaml'}", source
+    if program.whole_because:
+        yield from ((f"rtc_programs/{part.name}", part) for part in scxml_machine.parts(source))
     known = catalogue.files()
     for resource in program.resources.values():
         for file in filter(None, map(known.get, resource.templates)):

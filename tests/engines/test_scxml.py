@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from engines.activities.base import ActivityFailed
 from engines.programs import program
 from engines.programs.statechart import Chart
-from engines.runs.clock import RunClock
 from handrail.config import ConfigError
 
 from .test_statechart import Step
@@ -144,22 +141,3 @@ def test_a_file_that_is_not_in_utf_8_is_refused_by_its_line(tmp_path):
         program.read(file)
     file.write_bytes(text.encode())
     assert program.read(file).title == "Frag über"
-
-
-W3C = sorted((Path(__file__).parent / "w3c").glob("*.scxml"))
-
-
-@pytest.mark.parametrize("file", W3C, ids=lambda file: file.stem)
-def test_a_test_of_w3c_comes_to_its_state_pass(file):
-    clock, found = RunClock(), program.read(file)
-
-    def nothing(state, values):
-        raise AssertionError(state.id)
-
-    chart, time_ns = Chart(found, found.variables, nothing, clock=clock), 0
-    chart.begin()
-    while chart.ended is False and time_ns < 10e9:
-        if not chart.step(0.0):
-            time_ns += 50_000_000
-            clock.tick(time_ns)
-    assert chart.ended.id == "pass"

@@ -187,7 +187,6 @@ class Server:
                 self._latch_stop_again()
                 self._slow_down_again()
             self._desk.begin_anew()
-            self._happenings.begin_anew()
             self._generation = self._ring.generation
         for message in self._reporter.follow(snapshots):
             self._publisher.send(message)
@@ -195,8 +194,6 @@ class Server:
             self._desk.look(newest)
             for event in (*self._desk.news(), *self._desk.deactivations(newest)):
                 self._publisher.send(event)
-            for level, line in self._happenings.between(newest):
-                self._log(level, line)
         if awaited and (rows := np.flatnonzero(snapshots["answered"] == awaited)).size:
             row = snapshots[rows[0]]
             return int(row["answer"]), int(row["answer_joint"]), float(row["answer_value"])
@@ -208,6 +205,7 @@ class Server:
         self._publisher.send(m.LogLine(source="daemon", level=level, text=text))
 
     def _lose_loop(self, why: str) -> None:
+        self._happenings.begin_anew()
         self._publisher.send(m.LogLine(source="daemon", level="error", text=why))
         for event in self._reporter.lose_loop(why):
             self._publisher.send(event)
@@ -226,6 +224,9 @@ class Server:
         if not self._door.ring() and self._reporter.alive:
             self._lose_loop("the daemon's loop died; its drives quick-stop by their own watchdog")
         snapshot = self._reporter.snapshot
+        if snapshot is not None and self._reporter.alive:
+            for level, line in self._happenings.between(snapshot):
+                self._log(level, line)
         self._owners.tick(
             now, int(snapshot["time_ns"]) * 1e-9 if snapshot is not None and self._reporter.alive else None
         )

@@ -436,6 +436,8 @@ class Engine:
 
     def _deploy(self, call: m.Deploy) -> m.Deployment:
         with workspace.pinned(workspace.deployed()):  # all of it from one release
+            if call.program not in (known := library.files()):
+                raise refuse("no such program", "program", call.program, f"one of {', '.join(sorted(known))}")
             try:
                 program = library.named(call.program)
             except ConfigError as problem:

@@ -85,14 +85,19 @@ here, too: docs/robots.md, docs/drives.md and docs/wbc.md of Handrail.
 @app.command("workspace")
 def workspace_(folder: Annotated[Path, typer.Argument(help="A folder that is not there yet, or is empty.")]) -> None:
     """Make a folder for your own programs, nodes, behaviours, scenes, templates and controllers."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        sys.exit(f"handrail new workspace: {folder}: is there and not empty; expected a folder to be made")
-    for kind in _KINDS.values():
-        (folder / kind.folder).mkdir(parents=True)
     rows = "\n".join(
         f"| `{kind.folder}/` | NAME{kind.suffix} | `handrail new {name} NAME` |" for name, kind in _KINDS.items()
     )
-    (folder / "README.md").write_text(_README.format(folder=folder.resolve(), rows=rows))
+    try:
+        if folder.exists() and not folder.is_dir():
+            sys.exit(f"handrail new workspace: {folder}: is a file; expected a folder to be made")
+        if folder.exists() and any(folder.iterdir()):
+            sys.exit(f"handrail new workspace: {folder}: is there and not empty; expected a folder to be made")
+        for kind in _KINDS.values():
+            (folder / kind.folder).mkdir(parents=True)
+        (folder / "README.md").write_text(_README.format(folder=folder.resolve(), rows=rows))
+    except OSError as problem:
+        sys.exit(f"handrail new workspace: {folder}: can't be made: {problem}")
     print(f"export HANDRAIL_WORKSPACE={folder.resolve()}")
 
 
@@ -112,12 +117,14 @@ def begin(what: str, name: str, like: str) -> None:
     if like not in known:
         sys.exit(f"{me}: --like {like}: no such {what}; expected one of {', '.join(sorted(known))}")
     file = Path(own) / kind.folder / f"{name}{kind.suffix}"
-    file.parent.mkdir(parents=True, exist_ok=True)
     try:
+        file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("x") as new:
             new.write(known[like])
     except FileExistsError:
         sys.exit(f"{me}: {file}: is there already; expected a new name")
+    except OSError as problem:
+        sys.exit(f"{me}: {file}: can't be made: {problem}; expected HANDRAIL_WORKSPACE to be a folder to write to")
     print(f"{file}: begun as {like}. Go on with: {kind.then.format(name=name)} ({kind.document})")
 
 

@@ -11,6 +11,8 @@ from handrail.robot.description import RobotDescription
 _SILENT_CYCLES = 10
 """without an answer, after which people are shown `unknown`; the loop goes on until hal.hardware.LOST_AFTER"""
 
+_UNHEARD = "stopped by its watchdog: no command had come in time; was the loop late (`handrail daemon stats`)?"
+
 _STATES = {state.value: state.name.lower() for state in State}
 _ERRORS = {error.value: error.name.lower() for error in DriveError}
 
@@ -44,10 +46,13 @@ def drive_statuses(snapshot: np.ndarray | None, description: RobotDescription) -
 def drive_problems(snapshot: np.ndarray | np.void, description: RobotDescription) -> dict[str, str]:
     """Joint → what is wrong with its drive, for those with which something is."""
     silent = snapshot["age"] > _SILENT_CYCLES
-    faulty = ~silent & (decode_statusword(snapshot["status"]) == State.FAULT)
+    states = decode_statusword(snapshot["status"])
+    faulty = ~silent & (states == State.FAULT)
     problems = {
         description.joints[row]: f"fault: {_name(int(snapshot['error'][row]))}" for row in np.flatnonzero(faulty)
     }
+    unheard = ~silent & (states == State.QUICK_STOP_ACTIVE) & (snapshot["error"] == DriveError.WATCHDOG)
+    problems |= {description.joints[row]: _UNHEARD for row in np.flatnonzero(unheard)}
     if not silent.any():
         return problems
     rows = {joint: row for row, joint in enumerate(description.joints)}

@@ -560,7 +560,7 @@ def test_an_owner_that_falls_silent_loses_its_action_and_one_that_checks_in_does
         rig.call(m.CheckIn(owner="test"))
     assert not [command for command in loop.commands if command.kind is Kind.LOSE_OWNER]
     assert loop.live_until(Kind.LOSE_OWNER).owner == loop.wait_for(Kind.START).owner
-    told = rig.until(m.LogLine, lambda line: line.source == "daemon")
+    told = rig.until(m.LogLine, lambda line: line.level == "warning")
     assert (told.level, told.text) == ("warning", "test did not check in: its action is ended")
 
 

@@ -62,6 +62,8 @@ def test_any_that_is_there_may_be_the_start(own: Path) -> None:
         ),
         (("controller", "mine", "--like", "base"), "--like base: no such controller; expected one of gravity_"),
         (("workspace", "."), ".: is there and not empty"),
+        (("workspace", "rtc_programs/press.yaml"), "press.yaml: is a file"),
+        (("workspace", "rtc_programs/press.yaml/x"), "x: can't be made"),
     ],
 )
 def test_what_can_not_be_begun_is_told(own: Path, arguments: tuple[str, ...], told: str) -> None:

@@ -76,6 +76,7 @@ def top(
     """Show the processes of the robot that is up, until Ctrl-C: state, processor, memory, deaths, last words.
 
     A row changes only when something of it does. Process nodes stand below their engine. Exit status 2: no robot is up.
+    Where there is no terminal to show them on, it is one look, as with --once.
     """
     console = Console()
     try:
@@ -89,7 +90,7 @@ def top(
         _refuse(f"no robot is up in {place.folder}; start one (handrail up), or say where it is (--runtime)")
     time.sleep(_ONCE_S)
     rows = processes.look()
-    if once:
+    if once or not console.is_terminal:
         if json:
             for row in rows:
                 print(msgspec.json.encode(asdict(row)).decode())

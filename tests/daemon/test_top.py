@@ -64,6 +64,7 @@ def test_one_look_is_for_scripts_and_says_by_its_status_whether_all_are_up(tmp_p
     write_processes(tmp_path, [told()])
     good = run("--once")
     assert good.exit_code == 0 and "all is well" in good.output
+    assert "all is well" in run().output, "nor does anybody look at a picture where there is no terminal"
     # Of a supervisor that was killed before it could say that its child had ended.
     child = subprocess.Popen(["true"])
     child.wait()

@@ -199,6 +199,28 @@ def saved_as(instance: Instance, file: Path) -> Template:
     return draft.save(file, over=False)
 
 
+def with_meshes(text: str, file: Path, meshes: Mapping[str, Path]) -> Template:
+    """A new template's file, and beside it those that it names (name → where they are now).
+
+    Raises config.ConfigError, FileExistsError, OSError; then no file is left that was not there.
+    """
+    made = []
+    try:
+        for name, source in meshes.items():
+            there = file.parent / name
+            if there.exists() and there.read_bytes() != source.read_bytes():
+                raise FileExistsError(f"{there}: is there already, and another mesh; expected a new name")
+            if not there.exists():
+                there.parent.mkdir(parents=True, exist_ok=True)
+                made.append(there)
+                shutil.copyfile(source, there)
+        return Draft(text, file).save(over=False)
+    except (config.ConfigError, OSError):
+        for each in made:
+            each.unlink(missing_ok=True)
+        raise
+
+
 def written(data: Mapping[str, Any]) -> str:
     """A new file's text; what holds no mapping is written on one line."""
     stream = io.StringIO()

@@ -45,7 +45,7 @@ def import_(
     with _problems("import"):
         found = importing.read(file)
         target = to or authoring.own_file(name or file.stem)
-        template = authoring.Draft(found.text, target).save(over=False)
+        template = authoring.with_meshes(found.text, target, found.meshes)
     counts = (
         f"{len(template.objects)} objects, {len(template.joints)} joints, {len(template.trajectories)} trajectories"
     )

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from affordance_templates import importing, template_file
+from affordance_templates import authoring, importing, template_file
 from affordance_templates.cli import app
 from handrail.config import ConfigError, parse
 
@@ -35,7 +36,7 @@ OTDF = """<?xml version="1.0" ?>
     <axis xyz="0 0 1"/><limit lower="0" upper="1.6" effort="30"/><dynamics damping="1"/>
   </joint>
   <joint name="weld" type="fixed"><origin xyz="0 ${leaf-width} 0" rpy="0 0 1.5"/><parent link="leaf"/><child link="bolt"/></joint>
-  <link_pattern name="bars"/>
+  <bounding_volume name="near"/>
 </object>
 """
 
@@ -84,7 +85,7 @@ def imported(tmp_path, name: str, text: str):
     file.write_text(text)
     found = importing.read(file)
     target = tmp_path / "ours.yaml"
-    return template_file.of(parse(found.text, target), found.text.encode()), "\n".join(found.left_out)
+    return authoring.with_meshes(found.text, target, found.meshes), "\n".join(found.left_out)
 
 
 def test_an_otdf_keeps_parameters_expressions_links_and_joints(tmp_path):
@@ -102,9 +103,86 @@ def test_an_otdf_keeps_parameters_expressions_links_and_joints(tmp_path):
         "<mesh>",
         "<dynamics>",
         "limit effort",
-        "<link_pattern name='bars'>",
+        "<bounding_volume name='near'>",
     ):
         assert part in left
+
+
+WHEEL = """<?xml version="1.0" ?>
+<object name="wheel">
+  <param name="n" default_value="4" min="2" max="8"/><param name="r" default_value="0.2"/>
+  <link name="hub"><collision><geometry><sphere radius="0.03"/></geometry></collision></link>
+  <link_pattern name="spoke" noofrepetitions="${n}">
+    <visual><origin xyz="${r/2} 0 0"/><geometry><box size="${r} 0.01 0.01"/></geometry></visual>
+    <collision><geometry><sphere radius="1"/></geometry></collision>
+  </link_pattern>
+  <joint_pattern name="spokes" type="fixed" noofrepetitions="${n}">
+    <pattern_offset xyz="0 0 0" rpy="0 0 ${6.283185307/n}"/><parent link="hub"/><child link="spoke"/>
+  </joint_pattern>
+  <link_pattern name="key" noofrepetitions="3">
+    <visual><geometry><mesh filename="package://parts/key.obj" scale="1 1 2"/></geometry></visual>
+  </link_pattern>
+  <joint_pattern name="press" type="prismatic" noofrepetitions="3">
+    <origin xyz="0.1 0 ${r}"/><pattern_offset xyz="0 0.05 0"/><parent link="hub"/><child link="key"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.01"/>
+  </joint_pattern>
+</object>
+"""
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def test_patterns_are_as_many_as_the_parameter_says_each_further_along_and_turned(tmp_path):
+    (tmp_path / "key.obj").write_text(TETRAHEDRON)
+    wheel, left = imported(tmp_path, "wheel.otdf", WHEEL.replace("package://parts/", ""))
+    for n in (4, 6):
+        resolved = wheel.resolve({"n": n, "r": 0.4}, {"press[1]": 0.01})
+        ends = [resolved.frame(f"spoke[{i}]") @ [0.4, 0, 0, 1] for i in range(n)]
+        expected = [[0.4 * math.cos(2 * math.pi * i / n), 0.4 * math.sin(2 * math.pi * i / n), 0] for i in range(n)]
+        assert np.array(ends)[:, :3] == pytest.approx(np.array(expected), abs=1e-8)
+        assert resolved.frame("key[0]")[:3, 3] == pytest.approx([0.1, 0, 0.4])
+        assert resolved.frame("key[1]")[:3, 3] == pytest.approx([0.11, 0.05, 0.4])
+        hub = next(shape for shape in resolved.shapes if shape.object == "hub")
+        assert (hub.kind, hub.size) == ("sphere", (0.03,)), "what is not drawn is what is kept clear of"
+        assert len([shape for shape in resolved.shapes if shape.kind == "mesh"]) == 3
+    assert left == "link spoke, <collision>: planners keep clear of what is drawn"
+
+
+def test_meshes_come_along_and_one_that_is_not_there_is_listed(tmp_path, monkeypatch):
+    monkeypatch.setenv("HANDRAIL_WORKSPACE", str(tmp_path / "mine"))
+    package = tmp_path / "parts"
+    (package / "otdf").mkdir(parents=True)
+    (package / "otdf" / "wheel.otdf").write_text(WHEEL)
+
+    def run(name):
+        return CliRunner().invoke(app, ["import", str(package / "otdf" / "wheel.otdf"), "--name", name])
+
+    assert "left out: link key, geometry <mesh>: package://parts/key.obj: not found" in run("bare").output
+    (package / "key.obj").write_text(TETRAHEDRON)
+    assert "<mesh>" not in run("whole").output
+    folder = tmp_path / "mine" / "affordance_templates"
+    assert (folder / "meshes" / "key.obj").read_text() == TETRAHEDRON
+    shape = next(each for each in template_file.read(folder / "whole.yaml").resolve().shapes if each.kind == "mesh")
+    assert shape.size == (1, 1, 2) and shape.file == folder / "meshes" / "key.obj"
+    (package / "key.obj").write_text(TETRAHEDRON + "# another\n")
+    other = run("other")
+    assert other.exit_code == 1 and "key.obj: is there already, and another mesh" in other.output + str(other.exception)
+    assert not (folder / "other.yaml").exists()
+
+
+def test_a_pattern_of_links_has_one_of_joints(tmp_path):
+    with pytest.raises(ConfigError, match="link_pattern spoke, joint spokes: several of one"):
+        imported(
+            tmp_path, "wheel.otdf", WHEEL.replace("joint_pattern", "joint", 1).replace("/joint_pattern", "/joint", 1)
+        )
+
+
+def test_nasas_meshes_come_along(tmp_path):
+    (tmp_path / "hatch.stl").write_text("solid hatch\nendsolid hatch\n")
+    given = ATDF.replace('<sphere radius=".03"/>', '<mesh filename="hatch.stl" scale="2 2 2"/>')
+    (tmp_path / "hatch.atdf").write_text(given)
+    found = importing.read(tmp_path / "hatch.atdf")
+    assert found.meshes == {"meshes/hatch.stl": tmp_path / "hatch.stl"}
+    assert "kind: mesh" in found.text and "2" in found.text
 
 
 def test_an_atdf_keeps_objects_and_waypoints(tmp_path):

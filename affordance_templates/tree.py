@@ -200,7 +200,7 @@ class Posed:
         sizes = shape.size or ([1, 1, 1] if shape.kind == "mesh" else [])
         if len(sizes) != _SIZES[shape.kind]:
             raise numbers.document.error(
-                f"{field}.size", f"got {len(sizes)} numbers; a {shape.kind} has {_SIZES[shape.kind]}"
+                f"{field}.size", f"got {len(sizes)} numbers; expected {_SIZES[shape.kind]} of a {shape.kind}"
             )
         file, color = self._mesh(field, shape), self._color(field, shape, part)
         found = []

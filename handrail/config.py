@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+import msgspec.inspect
 
 from handrail import yaml_file
 from handrail.yaml_file import Map, NotYAML, Seq
@@ -92,7 +94,7 @@ class Document:
             unknown = re.search(r"unknown field `([^`]+)`", text)
             if unknown:
                 field = f"{field}.{unknown[1]}".lstrip(".")
-            raise self.error(field, f"{text}{self._shown(field)}") from error
+            raise self.error(field, f"{text}{self._shown(field)}{_choices(text, kind, where)}") from error
 
     def _named(self, field: str) -> str:
         # msgspec shows map keys as `[...]`: find the one whose value fails.
@@ -108,6 +110,39 @@ class Document:
             else:
                 return ""
         return "" if isinstance(node, dict | list) else f"; got {node!r}"
+
+
+def _choices(text: str, kind: Any, where: str) -> str:
+    """Which values a field may have, where it has one that is none of them. `where`: as msgspec says it, from `kind` on."""
+    if not text.startswith("Invalid enum value"):
+        return ""
+    there = [msgspec.inspect.type_info(kind)]
+    for part in re.findall(r"\[[^\]]*\]|[^.\[\]`]+", where):
+        inside = list[msgspec.inspect.Type]()
+        for each in _members(there):
+            match each:
+                case msgspec.inspect.StructType():
+                    inside += [field.type for field in each.fields if field.encode_name == part]
+                case msgspec.inspect.DictType():
+                    inside.append(each.value_type)
+                case msgspec.inspect.ListType() | msgspec.inspect.VarTupleType():
+                    inside.append(each.item_type)
+        there = inside
+    values = [
+        value for each in _members(there) if isinstance(each, msgspec.inspect.LiteralType) for value in each.values
+    ]
+    return f"; expected one of {', '.join(map(str, values))}" if values else ""
+
+
+def _members(types: list[msgspec.inspect.Type]) -> Iterator[msgspec.inspect.Type]:
+    """Each of them, of unions what may come."""
+    for each in types:
+        if isinstance(each, msgspec.inspect.UnionType):
+            yield from _members(list(each.types))
+        elif isinstance(each, msgspec.inspect.Metadata):
+            yield from _members([each.type])
+        else:
+            yield each
 
 
 def _says(data: Any, field: str) -> bool:

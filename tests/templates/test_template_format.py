@@ -9,6 +9,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -130,7 +131,12 @@ def test_trajectories_of_two_hands_meet_at_the_points_that_are_said(cabinet):
         ("[open.turn, hold.touch]", "[open.turn, hold.tuch]", "sync.both.points[0][1]", "expected a waypoint"),
         ("[[open.turn, hold.touch]", "[[open.away, hold.touch]", "sync.both.points[1][0]", "in order"),
         ("trajectories: [open, hold]", "trajectories: [open, open]", "sync.both.trajectories[1]", "another hand"),
-        ("kind: capsule, size", "kind: mesh, file: ../a.stl, size", "objects.handle.shapes[0].size", "a mesh has 3"),
+        (
+            "kind: capsule, size",
+            "kind: mesh, file: ../a.stl, size",
+            "objects.handle.shapes[0].size",
+            "expected 3 of a mesh",
+        ),
         ("kind: capsule, size: [0.01, 0.1]", "kind: mesh, file: ../a.stl", "objects.handle.shapes[0].file", "beside"),
         ("width: {default: 0.6", "width: {default: .nan", "parameters.width.default", "nan"),
         (
@@ -180,3 +186,57 @@ def test_a_file_that_lost_or_changed_a_piece_is_read_or_refused_with_its_name(da
         template_file.of(parse(text, file), text.encode())
     except ConfigError as problem:
         assert str(file) in str(problem) and problem.problem
+
+
+LIBRARY = sorted((Path(template_file.__file__).parent / "library").glob("*.yaml"))
+WRONG = [
+    None,
+    True,
+    [],
+    {},
+    "nonsense",
+    "1 +",
+    "${",
+    -1e9,
+    1e300,
+    float("nan"),
+    [[1]],
+    {"x": 1},
+    [0, 0, 0],
+    "repeat",
+    3,
+]
+
+
+def _places(node, path=()):
+    """Every field and element, innermost ones too."""
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
+        yield (*path, key)
+        yield from _places(value, (*path, key))
+
+
+@given(data=st.data())
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_stands_where_something_else_should_is_refused_by_line_field_and_expectation(data, tmp_path):
+    whole = yaml.safe_load(data.draw(st.sampled_from(LIBRARY)).read_text())
+    *above, last = data.draw(st.sampled_from(list(_places(whole))))
+    parent = whole
+    for key in above:
+        parent = parent[key]
+    match data.draw(st.sampled_from(["wrong", "gone", "unknown"])):
+        case "wrong":
+            parent[last] = data.draw(st.sampled_from(WRONG))
+        case "gone":
+            del parent[last]
+        case "unknown" if isinstance(parent, dict):
+            parent["colour_of_the_sky"] = 1
+    file, text = tmp_path / "odd.yaml", yaml.safe_dump(whole, sort_keys=False)
+    try:
+        template_file.of(parse(text, file), text.encode())
+    except ConfigError as problem:
+        assert problem.field, str(problem)
+        nowhere = problem.line is None and "missing" in problem.problem  # of the whole file
+        assert nowhere or 1 <= (problem.line or 0) <= text.count("\n") + 1, str(problem)
+        assert any(word in problem.problem.lower() for word in ("expected", "missing", "unknown", "no such", "must")), (
+            problem.problem
+        )

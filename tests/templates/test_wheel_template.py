@@ -73,7 +73,7 @@ def test_the_hash_differs_when_the_content_differs(tmp_path: Path):
         ("2/3 * radius", "2/3 * radios", "definitions.engage_radius", "unknown name 'radios'"),
         ("2/3 * radius", "radius.__class__", "definitions.engage_radius", "not allowed"),
         ("kind: torus", "kind: donut", "objects.rim.shapes[0].kind", "donut"),
-        ("size: [radius, rim_radius]", "size: [radius]", "objects.rim.shapes[0].size", "a torus has 2"),
+        ("size: [radius, rim_radius]", "size: [radius]", "objects.rim.shapes[0].size", "expected 2 of a torus"),
         ("size: [radius, rim_radius]", "size: [radius, 0 - 1]", "objects.rim.shapes[0].size", "above 0"),
         ("default: 0.15", "default: 15", "parameters.radius.default", "expected 0.08 to 0.4 m"),
         ("  rim:\n    joint: hinge", "  rim:\n    joint: hinges", "objects.rim.joint", "expected one of hinge"),

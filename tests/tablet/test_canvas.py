@@ -148,6 +148,30 @@ def test_states_are_added_nested_moved_and_deleted_with_the_ways_that_lead_there
     assert [way.targets for way in canvas.chart.states["asking"].ways] == [("turning",)] and canvas.selected == "asking"
 
 
+def test_what_is_typed_anew_keeps_the_comments_of_what_it_does_not_change():
+    code = Code()
+    code.open("program", "turn")
+    (call,) = code.want()
+    given = """\
+    with:
+      text: Go on? # asked kindly
+      options: [yes, no] # in this order
+      details: {force: "12"}
+"""
+    whole = TEXT.replace('    with: {text: "Go on?", options: [yes, no]}\n', given)
+    code.take(call, ProgramSource(program="turn", file="turn.yaml", text=whole))
+    canvas = Canvas(code)
+    canvas.select("asking")
+    canvas.put("with", canvas.with_text().replace("12", "15") + "\nseverity: warning")
+    edited = text(canvas)
+    assert "# asked kindly" in edited and "# in this order" in edited and 'force: "15"' in edited.replace("'", '"')
+    assert "severity: warning" in edited
+    canvas.put("with", "text: Go on?")
+    assert canvas.state.fields["with"] == {"text": "Go on?"} and "# asked kindly" in text(canvas)
+    canvas.undo()
+    assert text(canvas) == edited
+
+
 def test_fields_of_states_and_ways_are_typed_and_what_is_wrong_is_said(canvas):
     canvas.select("asking")
     canvas.put("with", "text: Really?\noptions: [yes]")
@@ -165,6 +189,16 @@ def test_fields_of_states_and_ways_are_typed_and_what_is_wrong_is_said(canvas):
     assert canvas.state.ways[1].fields["set"] == {"why": "failure", "n": "n + 1"}
     canvas.put("set", "why")
     assert "set: got 'why'; expected" in canvas.said
+    for field, typed, said in (
+        ("target", "turning nowhere", "target: no state 'nowhere'; expected one of asking, turning, "),
+        ("after", "-2", "after: got -2; expected a time in s above 0"),
+        ("after", "[1]", "after: got [1]; expected a time"),
+    ):
+        before = text(canvas)
+        canvas.put(field, typed)
+        assert said in canvas.said and text(canvas) == before
+    canvas.put("after", "most * 2")
+    assert canvas.state.ways[1].fields["after"] == "most * 2" and canvas.said == ""
     canvas.select("drawing")
     canvas.mark("initial", True)
     assert canvas.state.initial and not canvas.chart.states["pushing"].initial

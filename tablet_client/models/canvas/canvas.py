@@ -5,6 +5,7 @@ Every edit changes the text of the document that the code page has open, too: th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -197,6 +198,7 @@ class Canvas:
         had = state.ways[way].fields if of_way else state.fields
         try:
             value = typed.strip() if field in TEXTS else self._read(field, typed)
+            self._sound(field, value)
         except ValueError as problem:
             self.said = f"{field}: {problem}"
             return
@@ -204,7 +206,7 @@ class Canvas:
             if field in had:
                 self._edit(lambda text: text.remove_field(state.name, path))
         elif had.get(field) != value:
-            self._edit(lambda text: text.set_field(state.name, path, value))
+            self._edit(lambda text: _laid(text, state.name, path, had.get(field), value))
 
     def mark(self, field: str, on: bool) -> None:
         """Whether the selected state is initial, final or parallel. Only one of those beside it is initial."""
@@ -233,6 +235,17 @@ class Canvas:
         if field in ("with", "set") and value is not None and not isinstance(value, Mapping):
             raise ValueError(f"got {typed!r}; expected name: value, each on a line or all of them in braces")
         return value
+
+    def _sound(self, field: str, value: Any) -> None:
+        """Raise ValueError for what can be told at once; all else is checked by the engine as it is saved."""
+        if field == "target" and value:
+            known = self.chart.states if self.chart is not None else {}
+            if unknown := next((name for name in value.split() if name not in known), ""):
+                raise ValueError(f"no state {unknown!r}; expected one of {', '.join(known)}")
+        if field == "after" and value is not None and not isinstance(value, str):
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not number or not 0.0 < value < math.inf:
+                raise ValueError(f"got {value!r}; expected a time in s above 0, or an expression")
 
     def _edit(self, change: Callable[[ProgramText], object]) -> bool:
         """False: it was refused, and `said` says why."""
@@ -276,6 +289,21 @@ class Canvas:
             others.setdefault(document.key, []).append(document.text)
             self._code.put(document.key, steps[document.key].pop())
             self.said = ""
+
+
+def _laid(text: ProgramText, state: str, path: list[str | int], had: Any, value: Any) -> None:
+    """Write what is other than before, as deep as it goes: what stands beside it keeps its comments."""
+    if not isinstance(had, Mapping) or not isinstance(value, Mapping) or not had:
+        text.set_field(state, path, value)
+        return
+    for name in had:
+        if name not in value:
+            text.remove_field(state, [*path, name])
+    for name, each in value.items():
+        if name not in had:
+            text.set_field(state, [*path, name], each)
+        elif had[name] != each:
+            _laid(text, state, [*path, name], had[name], each)
 
 
 def _dumped(given: Any, flow: bool | None) -> str:

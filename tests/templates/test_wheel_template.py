@@ -96,3 +96,16 @@ def test_a_wrong_template_is_told_line_field_and_expectation(tmp_path: Path, old
     assert expectation in caught.value.problem
     changed = next(k for k, text in enumerate(file.read_text().splitlines(), 1) if new.splitlines()[-1] in text)
     assert caught.value.line is not None and abs(caught.value.line - changed) <= 4
+
+
+def test_a_place_on_the_rim_is_picked_by_its_angle_goes_with_the_radius_and_turns_with_the_wheel():
+    wheel = catalogue.load("wheel")
+    for radius in (0.15, 0.3):
+        for turned in (0.0, 0.4):
+            resolved = wheel.resolve({"radius": radius}, {"hinge": turned})
+            for angle in (0.5, math.pi):
+                there = resolved.frame(f"on_rim({angle})")[:3, 3]
+                assert there == pytest.approx(
+                    [0.0, radius * math.cos(angle + turned), radius * math.sin(angle + turned)]
+                )
+            assert resolved.frame("on_rim")[:3, 3] == pytest.approx(resolved.frame(f"on_rim({math.pi / 2})")[:3, 3])

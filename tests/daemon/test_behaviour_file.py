@@ -89,7 +89,7 @@ def test_run_tells_every_step_and_exits_by_how_it_ended(rig: Rig, outcome: Outco
     ran = CliRunner().invoke(app, ["run", str(EXAMPLE), "--runtime", str(rig.runtime.folder)])
     player.join()
     assert ran.exit_code == status, ran.output
-    first, second, last = ran.output.splitlines()
+    first, second, last = ran.stdout.splitlines()
     assert first.split()[2] == "approach"
     assert second.endswith("press  (approach: ends[0]: contact reached 6.5)")
     assert last.split()[2:] == ["press", outcome.name.lower()]

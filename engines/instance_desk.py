@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from affordance_templates import template_saving
+from affordance_templates import template_saving, travelling
 from affordance_templates.placement import Array
 from affordance_templates.server import AffordanceServer
 from handrail import messages as m
@@ -79,6 +79,7 @@ class InstanceDesk:
             m.EditInstance: server.edit,
             m.AttachInstance: lambda call: self._woken(server.attach(call)),
             m.SaveTemplate: lambda call: template_saving.save(call, server),
+            m.GetTemplate: travelling.told,
             m.UndoEdit: lambda call: self._woken(server.undo(call)),
             m.RedoEdit: lambda call: self._woken(server.redo(call)),
             m.HoldInstance: self._hold,

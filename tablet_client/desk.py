@@ -285,7 +285,8 @@ class Desk(QObject):
             for call in self.situation.task.tree.want(now):
                 self._session.send(call)
             busy = self._bench.send(now)
-            for call in (*self._library.want(), *self._workshop.want(now)):
+            templates = self.situation.templates.want(self.situation.world.instances.values())
+            for call in (*templates, *self._library.want(), *self._workshop.want(now)):
                 self._session.send(call)
         if self._stage.loaded:
             plans.advance(min(now - self._last_look, 0.2))

@@ -61,6 +61,7 @@ from handrail.messages import (
     GetSafety,
     GetSamples,
     GetStatus,
+    GetTemplate,
     GuestCall,
     HoldInstance,
     HoldTime,
@@ -169,7 +170,7 @@ OBSERVING = (
     *(ListRecordings, GetSamples),
     *(GetIdentity, GetRobot, GetStatus, GetSafety, GetProcesses, GetProcessLog),
     *(GetEngines, GetEngine, GetInstances, GetPlan, GetReach, GetRunHistory, GetOutline, GetNodes, WatchPort),
-    *(ListLibrary, GetProgram, ListNodes, GetNodeSource, GetReleases, AwaitPlan, Stop),
+    *(ListLibrary, GetProgram, GetTemplate, ListNodes, GetNodeSource, GetReleases, AwaitPlan, Stop),
 )
 """calls that change nothing, and STOP, which is everybody's: all that an observer may say"""
 SIGNED = (

@@ -117,6 +117,7 @@ from handrail.messages.instances import (
     Attachment,
     EditInstance,
     GetInstances,
+    GetTemplate,
     HoldInstance,
     InstanceEdit,
     Instances,
@@ -131,6 +132,7 @@ from handrail.messages.instances import (
     SaveTemplate,
     SetJoint,
     SetParameters,
+    TemplateSource,
     UndoEdit,
 )
 from handrail.messages.jogs import Jog, Jogged
@@ -400,6 +402,7 @@ __all__ = [
     "GetSafety",
     "GetSamples",
     "GetStatus",
+    "GetTemplate",
     "GetTiming",
     "Goal",
     "GripperAtEnd",
@@ -562,6 +565,7 @@ __all__ = [
     "TaskCheck",
     "TaskStep",
     "TemplateProgram",
+    "TemplateSource",
     "TimeDistribution",
     "TimeEnd",
     "TorqueLimitEnd",
@@ -595,6 +599,7 @@ ReleaseInstance.Reply = InstanceState
 EditInstance.Reply = InstanceEdit
 AttachInstance.Reply = InstanceEdit
 SaveTemplate.Reply = SavedTemplate
+GetTemplate.Reply = TemplateSource
 UndoEdit.Reply = InstanceEdit
 RedoEdit.Reply = InstanceEdit
 GetInstances.Reply = Instances
@@ -664,6 +669,7 @@ EngineCall = (
     | EditInstance
     | AttachInstance
     | SaveTemplate
+    | GetTemplate
     | UndoEdit
     | RedoEdit
     | HoldInstance
@@ -754,6 +760,7 @@ Answer = (
     | Instances
     | InstanceEdit
     | SavedTemplate
+    | TemplateSource
     | PlanPreview
     | Choices
     | Library

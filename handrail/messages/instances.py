@@ -221,6 +221,24 @@ class SavedTemplate(Message):
     hash: str
 
 
+@travels(priority=2, remote=True)
+class GetTemplate(Message):
+    """A template's file as the robot has it, with the meshes that it names: for who draws instances of it on another machine."""
+
+    template: Name
+
+
+class TemplateSource(Message):
+    """Answer to GetTemplate."""
+
+    template: str
+    hash: str
+    """of the file's content, and of its meshes'"""
+    text: str
+    meshes: dict[str, bytes] = {}
+    """path beside the file → content"""
+
+
 class Instances(Message):
     """Answer to GetInstances."""
 

@@ -368,3 +368,8 @@ def _resolved(encoded: bytes) -> ResolvedTemplate | None:
         ).resolve()
     except (ConfigError, ValueError):
         return None
+
+
+def forget() -> None:
+    """Templates are others now."""
+    _resolved.cache_clear()

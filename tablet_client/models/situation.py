@@ -30,6 +30,7 @@ from tablet_client.models.robot import Robot
 from tablet_client.models.service import Service
 from tablet_client.models.signals import Signals
 from tablet_client.models.task import Task
+from tablet_client.models.templates import Templates
 from tablet_client.models.world import World
 
 _RUN_LEVELS: dict[str, Level] = {"succeeded": "good", "failed": "error", "stopped": "warning", "paused": "warning"}
@@ -49,6 +50,7 @@ class Situation:
         self.prompts = Prompts()
         self.plans = Plans()
         self.world = World()
+        self.templates = Templates()
         self.bench = Bench(self.world)
         self.library: list[messages.LibraryEntry] = []
         """the first engine's programs and templates: instances are placed from these"""
@@ -191,6 +193,7 @@ class Situation:
 
     def _engine_attached(self, item: arrivals.EngineAttached) -> None:
         snapshot = item.snapshot
+        self.templates.anew()
         self.world.replace(snapshot.instances)
         asked = {prompt.plan for prompt in snapshot.prompts}
         self.plans.replace(snapshot.plans, waiting=None if snapshot.run is None else asked)
@@ -217,6 +220,8 @@ class Situation:
         elif isinstance(item.answer, messages.SavedTemplate):
             self.note("good", "template_saved", item.answer.name, item.answer.file)
             self.bench.saved = ("saved", item.answer.file)
+        elif isinstance(item.answer, messages.TemplateSource):
+            self.templates.take(item.answer)
         elif isinstance(item.answer, messages.Reach):
             self.bench.take(item.answer)
         elif isinstance(item.answer, messages.Library) and not item.call.engine:  # type: ignore[attr-defined]

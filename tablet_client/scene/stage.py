@@ -76,6 +76,7 @@ class Stage(QObject):
         self._geometries: list[MeshGeometry] = []
         self._drawn_instances: dict[str, InstanceState] = {}
         self._problems: dict[str, str] = {}
+        self._arrived = 0
         self._meshes: dict[str, Mesh] = {}
         self._drawn_pose: tuple[object, ...] = ()
         self._drawn_position, self._drawn_base = np.zeros(0), np.eye(4)
@@ -136,7 +137,8 @@ class Stage(QObject):
             state = replay.state(info.joints) or state
         if info is not None and info.name != self._asked:
             self._load(info.name)
-        moved = self._show_instances(replay.instances() if replay.active else situation.bench.shown())
+        shown = replay.instances() if replay.active else situation.bench.shown()
+        moved = self._show_instances(shown, situation.templates.arrived)
         moved |= self._show_bench(situation.bench, situation.move)
         moved |= self._show_clouds({} if replay.active else situation.clouds.seen)
         if self._robot is None or state is None or info is None:
@@ -341,8 +343,10 @@ class Stage(QObject):
 
     # ------------------------------------------------------------------------------------------------------ templates
 
-    def _show_instances(self, instances: dict[str, InstanceState]) -> bool:
-        """True when something changed."""
+    def _show_instances(self, instances: dict[str, InstanceState], arrived: int) -> bool:
+        """True when something changed. `arrived`: how many templates have come."""
+        if arrived != self._arrived:
+            self._arrived, self._drawn_instances = arrived, {}
         if instances == self._drawn_instances:
             return False
         if list(instances) != self._templates.names():

@@ -266,3 +266,11 @@ def test_a_malformed_call_changes_nothing_and_is_answered(stack):
     with pytest.raises(RefusedError):
         stack.call(m.GetStatus())
     assert stack.call(m.GetInstances()).instances == []
+
+
+def test_a_template_is_told_to_whoever_draws_it_elsewhere(stack):
+    stack.place()
+    (wheel,) = stack.call(m.GetInstances()).instances
+    told = stack.call(m.GetTemplate(template="wheel"))
+    assert told.hash == wheel.template_hash and "hinge" in told.text
+    assert "no such template" in str(stack.refusal(m.GetTemplate(template="whale")))

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import threading
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from handrail.config import ConfigError
+from affordance_templates import template_file
+from handrail import workspace
+from handrail.config import ConfigError, parse
 from handrail.messages import (
     GetPlan,
+    GetTemplate,
     PauseRun,
     PlanWaypoint,
     PlanWorst,
     Stop,
+    TemplateSource,
 )
 from tests.tablet.shown import distance
 
@@ -184,6 +190,34 @@ def test_a_template_that_this_tablet_has_not_is_said_and_nothing_breaks(robot, s
     shown.until(lambda: "teapot" in str(shown.opened.stage.property("problems")))
     shown.press("stop")
     shown.until(lambda: robot.calls_of(Stop))
+
+
+def test_a_template_that_only_the_robot_has_is_fetched_once_and_drawn(robot, show, monkeypatch):
+    monkeypatch.setattr(workspace, "_deployed", None)
+    crate = "title: Crate\nparameters: {side: {default: 0.4}}\nobjects: {body: {shapes: [{kind: box, size: [side, side, side]}]}}\n"
+    hash_ = template_file.of(parse(crate, Path("crate.yaml")), crate.encode()).hash
+    robot.instances = [
+        robot.wheel(name=name, template="crate", template_hash=hash_, joint_state={}, parameters={"side": 0.3})
+        for name in ("crate_1", "crate_2")
+    ]
+    answer, come = robot.answer, threading.Event()
+
+    def answers(call: Any) -> Any:
+        if isinstance(call, GetTemplate):
+            robot.calls.append(call)
+            assert come.wait(30)
+            return TemplateSource(template="crate", hash=hash_, text=crate)
+        return answer(call)
+
+    robot.answer = answers
+    shown = show()
+    shown.until(lambda: "crate" in str(shown.opened.stage.property("problems")))
+    come.set()
+    shown.until(lambda: shown.opened.stage.property("problems") == [])
+    assert shown.opened.stage._meshes["crate_1"].vertices.max() == pytest.approx(0.15)
+    robot.publish(robot.wheel(name="crate_1", template="crate", template_hash=hash_, joint_state={}, version=2))
+    shown.until(lambda: shown.desk.situation.world.instances["crate_1"].version == 2)
+    assert len(robot.calls_of(GetTemplate)) == 1, "once, however many are of it"
 
 
 def test_a_robot_that_can_not_be_drawn_is_said_and_everything_else_works(robot, show):

@@ -37,9 +37,10 @@ Rectangle {
         PointHandler {
             id: finger
             readonly property bool grasps: desk.bench.hot !== ""
+            property bool grasped: false // until the next one comes down: a tap is told only when this one has been lifted
             acceptedButtons: Qt.LeftButton
             onActiveChanged: {
-                if (active) desk.bench.grasp(point.position.x - 1, point.position.y - 1, scene.seen())
+                if (active) grasped = desk.bench.grasp(point.position.x - 1, point.position.y - 1, scene.seen()) !== ""
                 else desk.bench.release()
                 if (active && !grasps) resting.restart()
                 else resting.stop()
@@ -90,10 +91,12 @@ Rectangle {
             acceptedDevices: PointerDevice.Mouse | PointerDevice.TouchPad
             onWheel: event => scene.rig.zoom(Math.pow(1.12, event.angleDelta.y / 120))
         }
+        // Not by `enabled`: the finger that moved the handle a little is lifted before this hears of it, and would be a tap beside.
         TapHandler {
-            enabled: !finger.grasps
-            onSingleTapped: point => desk.bench.tap(point.position.x - 1, point.position.y - 1, scene.seen())
-            onDoubleTapped: scene.rig.preset("robot")
+            onSingleTapped: point => {
+                if (!finger.grasped) desk.bench.tap(point.position.x - 1, point.position.y - 1, scene.seen())
+            }
+            onDoubleTapped: if (!finger.grasped) scene.rig.preset("robot")
             longPressThreshold: resting.interval / 1000 // what rests so long is no tap
         }
         TapHandler {

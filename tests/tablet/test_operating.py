@@ -50,6 +50,22 @@ def test_a_finger_drags_the_selected_template_by_its_handle_and_undo_brings_it_b
     selected.until(lambda: distance(selected.node("template_wheel_1"), before.position) < 1e-4)
 
 
+def test_a_finger_that_moved_the_handle_by_a_few_pixels_has_not_tapped_beside_it(selected, robot):
+    from PySide6.QtCore import QPoint
+
+    tip = selected.spot(selected.arrow(2))
+    with selected.finger(tip) as finger:
+        selected.until(lambda: selected.desk.bench.hot == "tz")
+        finger.to(tip - QPoint(0, 6))
+    selected.until(lambda: selected.desk.bench.hot == "" and not selected.desk.situation.bench.edits.waiting)
+    selected.until(lambda: robot.instances[0].pose_in_world.position[2] > 0.301)
+    assert selected.desk.bench.view["selected"] == "wheel_1"
+    place = selected.find("scene").mapToScene(selected.find("scene").boundingRect().topLeft()).toPoint()
+    with selected.finger(place + QPoint(40, 300)):
+        pass
+    selected.until(lambda: selected.desk.bench.view["selected"] == "")  # a tap beside it is one still
+
+
 def test_waypoints_stand_in_the_scene_in_the_colour_of_their_reach_and_beside_it_in_words(selected, robot):
     selected.until(lambda: robot.calls_of(GetReach))
     words = "not reached: clearance (arm and rim) missed by 21 mm"

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from handrail.link.events import Events
 from handrail.messages import (
+    GetNodePorts,
     GetNodes,
     GetNodeSource,
     ListNodes,
     NodeEntry,
+    NodePorts,
     NodeSource,
     NodeState,
     PortValue,
@@ -72,6 +74,10 @@ class NodeCalls:
     def node_library(self) -> list[NodeEntry]:
         """The nodes that the engine's library has, and which of them come with Handrail."""
         return self.call(ListNodes()).nodes
+
+    def node_ports(self, node: str) -> NodePorts:
+        """What goes into a node of the library and comes out of it; it is loaded for that. Refused where it can't be."""
+        return self.call(GetNodePorts(node=node))
 
     def node_source(self, node: str) -> NodeSource:
         """A node's file, as the engine has it in force."""

@@ -6,43 +6,16 @@ result is a program is for `handrail program check`, or the engine that it is sa
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.constructor import RoundTripConstructor
-from ruamel.yaml.error import YAMLError
-from ruamel.yaml.nodes import ScalarNode
-from ruamel.yaml.representer import RoundTripRepresenter
 
-_STEP = 2
-"""columns by which what is in a state stands further in"""
+from handrail.yaml_edit import STEP, Null, block_lines, dumped, kept, loaded, shifted
+
 Path = Sequence[str | int]
-
-
-@dataclass(frozen=True)
-class _Null:
-    """Nothing, as it is written: empty, null or ~."""
-
-    text: str
-
-
-class _Constructor(RoundTripConstructor):
-    def construct_yaml_null(self, node: ScalarNode) -> _Null:
-        return _Null(node.value)
-
-
-class _Representer(RoundTripRepresenter):
-    def represent_null(self, data: _Null) -> Any:
-        return self.represent_scalar("tag:yaml.org,2002:null", data.text)
-
-
-_Constructor.add_constructor("tag:yaml.org,2002:null", _Constructor.construct_yaml_null)
-_Representer.add_representer(_Null, _Representer.represent_null)
 
 
 @dataclass(frozen=True)
@@ -78,14 +51,14 @@ class ProgramText:
     ) -> None:
         """A new state, after one of those beside it, else as the last one."""
         self._new(name)
-        lines = _dumped(CommentedMap({name: _kept(fields) if fields else _Null("")})).splitlines()
+        lines = dumped(CommentedMap({name: kept(fields) if fields else Null("")})).splitlines()
         self._put(lines, within, after)
 
     def rename_state(self, name: str, to: str) -> None:
         """In transitions, events, `In()` and `retries_of_`, too."""
         self._new(to)
         block, lines = self._block(name), list(self._lines)
-        data = _loaded("\n".join(lines))
+        data = loaded("\n".join(lines))
         word = re.escape(name)
         target = re.compile(rf"(?<![\w.]){word}(?!\w)")
         event = re.compile(rf"(?<=done\.invoke\.){word}(?!\w)|(?<=done\.state\.){word}(?!\w)")
@@ -145,7 +118,7 @@ class ProgramText:
         self._block(target)
         state = self._fields(source)
         ways = state.setdefault("transitions", CommentedSeq())
-        ways.append(_kept({**fields, "target": target}))
+        ways.append(kept({**fields, "target": target}))
         ways.fa.set_block_style()
         self._replace(source, state)
         return len(ways) - 1
@@ -172,7 +145,7 @@ class ProgramText:
             raise ValueError(f"set_field: got {last!r}; expected a field's name")
         if path[0] == "states":
             raise ValueError("set_field: got 'states'; expected a field of the state itself")
-        inner[last] = _kept(value)
+        inner[last] = kept(value)
         self._replace(state, fields)
 
     def remove_field(self, state: str, path: Path) -> None:
@@ -191,7 +164,7 @@ class ProgramText:
 
     @staticmethod
     def _read(lines: list[str]) -> dict[str, _Block]:
-        data = _loaded("\n".join(lines))
+        data = loaded("\n".join(lines))
         if not isinstance(data, CommentedMap) or not isinstance(data.get("states"), CommentedMap):
             raise ValueError("states: missing; expected a program's file")
         return {block.name: block for block in _blocks(lines, data["states"], "")}
@@ -239,10 +212,10 @@ class ProgramText:
         else:
             copy._open(within)
             outer = copy._block(within)
-            at, indent = outer.end, outer.indent + 2 * _STEP
-            copy._lines.insert(at, _in("states:", indent - _STEP))
+            at, indent = outer.end, outer.indent + 2 * STEP
+            copy._lines.insert(at, shifted("states:", indent - STEP))
             at += 1
-        self._become(copy._lines[:at] + [_in(line, indent) for line in lines] + copy._lines[at:])
+        self._become(copy._lines[:at] + [shifted(line, indent) for line in lines] + copy._lines[at:])
 
     def _open(self, name: str) -> None:
         """Let a state that stands on one line have lines of its own."""
@@ -260,15 +233,15 @@ class ProgramText:
 
     def _fields(self, name: str) -> CommentedMap:
         block = self._block(name)
-        fields = _loaded("\n".join(line[block.indent :] for line in self._lines[block.key : block.end]))[name]
+        fields = loaded("\n".join(line[block.indent :] for line in self._lines[block.key : block.end]))[name]
         return fields if isinstance(fields, CommentedMap) else CommentedMap()
 
     def _replace(self, name: str, fields: CommentedMap) -> None:
         block = self._block(name)
         old = [line[block.indent :] for line in self._lines[block.key : block.end]]
-        whole = _loaded("\n".join(old))
-        whole[name] = fields if fields else _Null("")
-        new = [_in(line, block.indent) for line in _dumped(whole).splitlines()]
+        whole = loaded("\n".join(old))
+        whole[name] = fields if fields else Null("")
+        new = [shifted(line, block.indent) for line in dumped(whole).splitlines()]
         self._become(self._lines[: block.key] + new + self._lines[block.end :])
 
 
@@ -277,31 +250,9 @@ def _blocks(lines: list[str], states: CommentedMap, parent: str) -> Iterator[_Bl
         raise ValueError(f"{parent or 'states'}: states on one line; expected each on a line of its own")
     for name, fields in states.items():
         key, indent = states.lc.key(name)
-        end = key + 1
-        last = end
-        while end < len(lines) and (_quiet(lines[end]) or _indent(lines[end]) > indent):
-            if not _quiet(lines[end]) or (lines[end].strip() and _indent(lines[end]) > indent):
-                last = end + 1
-            end += 1
-        first = key
-        while first and lines[first - 1].strip().startswith("#") and _indent(lines[first - 1]) == indent:
-            first -= 1
-        yield _Block(str(name), first, key, last, indent, parent)
+        yield _Block(str(name), *block_lines(lines, key, indent), indent, parent)
         if isinstance(fields, CommentedMap) and isinstance(fields.get("states"), CommentedMap):
             yield from _blocks(lines, fields["states"], str(name))
-
-
-def _quiet(line: str) -> bool:
-    """Blank, or a comment alone."""
-    return not line.strip() or line.strip().startswith("#")
-
-
-def _indent(line: str) -> int:
-    return len(line) - len(line.lstrip(" "))
-
-
-def _in(line: str, indent: int) -> str:
-    return " " * indent + line if line.strip() else ""
 
 
 def _texts(data: Any, key: str = "") -> Iterator[tuple[int, int, str, str]]:
@@ -329,42 +280,3 @@ def _at(fields: Any, path: Path, *, make: bool = False) -> Any:
 
 def _is_place(fields: Any, step: str | int) -> bool:
     return isinstance(fields, CommentedSeq) and isinstance(step, int) and 0 <= step < len(fields)
-
-
-def _kept(value: Any) -> Any:
-    """The same of ruamel's types; what holds no mapping is written on one line."""
-    if value is None:
-        return _Null("null")
-    if isinstance(value, Mapping):
-        mapping = CommentedMap((key, _kept(each)) for key, each in value.items())
-        if value and not any(isinstance(each, Mapping | list | tuple) for each in value.values()):
-            mapping.fa.set_flow_style()
-        return mapping
-    if isinstance(value, list | tuple):
-        sequence = CommentedSeq(_kept(each) for each in value)
-        if not any(isinstance(each, Mapping | list | tuple) for each in value):
-            sequence.fa.set_flow_style()
-        return sequence
-    return value
-
-
-def _yaml() -> YAML:
-    yaml = YAML(typ="rt")
-    yaml.Constructor, yaml.Representer = _Constructor, _Representer
-    yaml.width = 10_000  # lines are as long as they were
-    yaml.preserve_quotes = True
-    yaml.indent(mapping=_STEP, sequence=2 * _STEP, offset=_STEP)
-    return yaml
-
-
-def _loaded(text: str) -> Any:
-    try:
-        return _yaml().load(text)
-    except YAMLError as problem:
-        raise ValueError(f"not YAML: {problem}") from problem
-
-
-def _dumped(data: Any) -> str:
-    stream = io.StringIO()
-    _yaml().dump(data, stream)
-    return stream.getvalue()

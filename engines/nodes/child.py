@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import resource
 import socket
@@ -12,6 +13,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from engines.nodes import composite
 from engines.nodes.node import Node, load
@@ -144,9 +146,15 @@ def _told(ports: Mapping[str, _Port]) -> list[PortTold]:
             port.unit,
             port.default if isinstance(port, Param) else None,
             port.rate if isinstance(port, Output) else None,
+            **(_bounds(port) if isinstance(port, Param) else {}),
         )
         for port in ports.values()
     ]
+
+
+def _bounds(port: Param) -> dict[str, Any]:
+    low, high = (bound if math.isfinite(bound) else None for bound in (port.low, port.high))
+    return {"low": low, "high": high, "choices": port.choices}
 
 
 def _limit(kind: type[Node]) -> None:

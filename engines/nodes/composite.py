@@ -15,9 +15,7 @@ from engines.nodes.node import Case, Node, load
 from engines.nodes.ports import Input, MissingError, Output, Param, PortError, _Port
 from handrail import config
 from handrail.config import ConfigError, Document
-
-_FITS = {("integer", "number"), ("wrench", "numbers")} | {(kind, "array") for kind in ("wrench", "numbers", "cloud")}
-"""(from, to) where each value of the one is one of the other"""
+from handrail.port_kinds import misfit
 
 
 class _Part(msgspec.Struct, forbid_unknown_fields=True):
@@ -247,12 +245,11 @@ class _Reading:
     def _fit(self, field: str, source: _Place, port: _Port, target: _Place) -> None:
         """Raises where not every value of a port is one for the target."""
         to = self._port(target)
-        if port.kind.name != to.kind.name and (port.kind.name, to.kind.name) not in _FITS:
-            raise self._error(
-                field, f"{target} takes {to.kind.name}, {source} is {port.kind.name}; expected the same kind"
-            )
-        if port.unit and to.unit and port.unit != to.unit:
-            raise self._error(field, f"{target} is in {to.unit}, {source} in {port.unit}; expected the same unit")
+        what, got, taken = misfit(port.kind.name, port.unit, to.kind.name, to.unit)
+        if what == "kind":
+            raise self._error(field, f"{target} takes {taken}, {source} is {got}; expected the same kind")
+        if what == "unit":
+            raise self._error(field, f"{target} is in {taken}, {source} in {got}; expected the same unit")
 
     def _all_fed(self) -> None:
         for name, kind in self._kinds.items():

@@ -8,7 +8,8 @@ from typing import Any
 
 from engines.nodes import library
 from engines.nodes.failure import NodeFailed
-from engines.nodes.keeper import NodeKeeper
+from engines.nodes.host import NodeProcess
+from engines.nodes.keeper import NodeKeeper, ports_of
 from handrail import messages as m
 from handrail.topics import refuse
 
@@ -30,6 +31,13 @@ def answers(
             raise
         return nodes.state(name)
 
+    def ports(call: m.GetNodePorts) -> m.NodePorts:
+        if call.node not in (known := library.files()):
+            raise ValueError(f"node: got {call.node!r}; expected one of {', '.join(sorted(known)) or 'none'}")
+        with NodeProcess(known[call.node], restarts=0, said=_unheard, noted=_unheard) as process:
+            hello = process.hello
+        return m.NodePorts(node=call.node, title=hello.doc, every=hello.every, ports=ports_of(hello, {}))
+
     def put(call: m.PutNode) -> m.NodeState:
         process = nodes.process(call.name)
         (process.step if call.step else process.put)(call.inputs, call.params)
@@ -40,12 +48,17 @@ def answers(
 
     return {
         m.GetNodes: lambda call: m.Nodes(nodes=nodes.states()),
+        m.GetNodePorts: beside(ports),
         m.StartNode: beside(start),
         m.PutNode: beside(put),
         m.StopNode: beside(lambda call: nodes.stop(call.name)),
         m.ReloadNode: beside(lambda call: nodes.reload(call.name)),
         m.WatchPort: lambda call: _refusing(lambda _: nodes.watch(call.name, call.port, call.rate, call.lasts), call),
     }
+
+
+def _unheard(line: str) -> None:
+    """What a node prints while it is asked for its ports is nobody's."""
 
 
 def _refusing(work: Callable[[Any], Any], call: Any) -> Any:

@@ -17,7 +17,7 @@ from engines.nodes import library
 from engines.nodes.failure import NodeFailed
 from engines.nodes.host import NodeProcess
 from engines.nodes.ports import plain
-from engines.nodes.wire import PortTold
+from engines.nodes.wire import Hello, PortTold
 from handrail import messages as m
 
 _SMALL = 64
@@ -312,19 +312,35 @@ def _shown(value: Any) -> tuple[Any, str]:
     return (plain(value) if value.size <= _SMALL else None), summary
 
 
+def ports_of(hello: Hello, values: Mapping[str, Any]) -> list[m.NodePort]:
+    """All ports of a node, with what was last given to them or came out of them."""
+    ways: tuple[tuple[Literal["input", "output", "parameter"], list[PortTold]], ...]
+    ways = (("input", hello.inputs), ("output", hello.outputs), ("parameter", hello.params))
+    found = []
+    for way, told in ways:
+        for port in told:
+            value, summary = _shown(values[port.name]) if port.name in values else (port.default, "")
+            found.append(
+                m.NodePort(
+                    name=port.name,
+                    way=way,
+                    kind=port.kind,
+                    unit=port.unit,
+                    value=value,
+                    summary=summary,
+                    doc=port.doc,
+                    low=port.low,
+                    high=port.high,
+                    choices=list(port.choices),
+                )
+            )
+    return found
+
+
 def _state(kept: _Kept) -> m.NodeState:
     process = kept.process
     assert process is not None
     hello, usage = process.hello, process.usage
-    ports = []
-    ways: tuple[tuple[Literal["input", "output", "parameter"], list[PortTold]], ...]
-    ways = (("input", hello.inputs), ("output", hello.outputs), ("parameter", hello.params))
-    for way, told in ways:
-        for port in told:
-            value, summary = _shown(kept.values[port.name]) if port.name in kept.values else (port.default, "")
-            ports.append(
-                m.NodePort(name=port.name, way=way, kind=port.kind, unit=port.unit, value=value, summary=summary)
-            )
     return m.NodeState(
         name=kept.name,
         node=kept.file.stem,
@@ -335,6 +351,6 @@ def _state(kept: _Kept) -> m.NodeState:
         cpu_share=round(usage.share, 3) if usage else 0.0,
         memory_mb=round(usage.own_mb, 1) if usage else 0.0,
         every=hello.every,
-        ports=ports,
+        ports=ports_of(hello, kept.values),
         last=kept.last,
     )

@@ -43,6 +43,10 @@ class PortTold(msgspec.Struct):
     default: Any = None
     rate: float | None = None
     """times a second that an output may be told by a node that steps by itself"""
+    low: float | None = None
+    """of a parameter, in its unit; None: no bound"""
+    high: float | None = None
+    choices: tuple[str, ...] = ()
 
 
 class Limits(msgspec.Struct):

@@ -47,6 +47,7 @@ from handrail.messages import (
     GetEngines,
     GetIdentity,
     GetInstances,
+    GetNodePorts,
     GetNodes,
     GetNodeSource,
     GetOutline,
@@ -170,7 +171,7 @@ OBSERVING = (
     *(ListRecordings, GetSamples),
     *(GetIdentity, GetRobot, GetStatus, GetSafety, GetProcesses, GetProcessLog),
     *(GetEngines, GetEngine, GetInstances, GetPlan, GetReach, GetRunHistory, GetOutline, GetNodes, WatchPort),
-    *(ListLibrary, GetProgram, GetTemplate, ListNodes, GetNodeSource, GetReleases, AwaitPlan, Stop),
+    *(ListLibrary, GetProgram, GetTemplate, ListNodes, GetNodePorts, GetNodeSource, GetReleases, AwaitPlan, Stop),
 )
 """calls that change nothing, and STOP, which is everybody's: all that an observer may say"""
 SIGNED = (

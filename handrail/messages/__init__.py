@@ -154,10 +154,12 @@ from handrail.messages.motions import (
     WholeBody,
 )
 from handrail.messages.node_sources import (
+    GetNodePorts,
     GetNodeSource,
     ListNodes,
     NodeEntry,
     NodeLibrary,
+    NodePorts,
     NodeSource,
     SaveNode,
 )
@@ -388,6 +390,7 @@ __all__ = [
     "GetHardware",
     "GetIdentity",
     "GetInstances",
+    "GetNodePorts",
     "GetNodeSource",
     "GetNodes",
     "GetOutline",
@@ -451,6 +454,7 @@ __all__ = [
     "NodeEntry",
     "NodeLibrary",
     "NodePort",
+    "NodePorts",
     "NodeSource",
     "NodeState",
     "Nodes",
@@ -712,6 +716,7 @@ EngineCall = (
     | GetProgram
     | SaveProgram
     | ListNodes
+    | GetNodePorts
     | GetNodeSource
     | SaveNode
     | GetReleases
@@ -780,6 +785,7 @@ Answer = (
     | CallsForEngine
     | ProgramSource
     | NodeLibrary
+    | NodePorts
     | NodeSource
     | Reach
     | TemplateProgram

@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from handrail.messages.base import Message, Name, travels
 from handrail.messages.bundles import BundleState
+from handrail.messages.nodes import NodePort
 
 
 @travels(priority=1, remote=True)
@@ -52,6 +53,26 @@ class NodeSource(Message):
 
 
 @travels(priority=1, remote=True)
+class GetNodePorts(Message):
+    """What goes into a node of the library and comes out of it? Refused where it can't be loaded, or is no node."""
+
+    node: Name
+    engine: str = ""
+
+
+class NodePorts(Message, kw_only=True):
+    """Answer to GetNodePorts."""
+
+    node: str
+    title: str
+    """what it does, in a sentence"""
+    every: float | None
+    """s between steps; None: when asked"""
+    ports: list[NodePort]
+    """a parameter's value is its default"""
+
+
+@travels(priority=1, remote=True)
 class SaveNode(Message):
     """Bring a node that was edited into force, as a release (of ``nodes/NAME``); tried in a process of its own before.
 
@@ -70,6 +91,7 @@ class SaveNode(Message):
     """whose key it came with; the link writes it here"""
 
 
+GetNodePorts.Reply = NodePorts
 ListNodes.Reply = NodeLibrary
 GetNodeSource.Reply = NodeSource
 SaveNode.Reply = BundleState

@@ -79,8 +79,14 @@ class NodePort(msgspec.Struct, kw_only=True):
     kind: str
     unit: str = ""
     value: Any = None
-    """the newest, where it is small; None: none yet, or large"""
+    """the newest, where it is small; None: none yet, or large. Of a parameter of a node that does not run: its default"""
     summary: str = ""
+    doc: str = ""
+    low: float | None = None
+    """of a parameter, in its unit; None: no bound"""
+    high: float | None = None
+    choices: list[str] = []
+    """of a parameter that is one of these texts"""
 
 
 class NodeState(Message, kw_only=True):

@@ -58,6 +58,18 @@ def test_a_node_is_written_saved_run_edited_and_reloaded(with_node):
     assert stack.call(m.GetNodeSource(node="double")).text == NODE
 
 
+def test_the_ports_of_a_node_of_the_library_are_told_with_their_bounds(with_node):
+    told = with_node.call(m.GetNodePorts(node="low_pass"))
+    assert told.title.startswith("First-order low pass") and told.every is None
+    assert told.title.startswith("First-order low pass") and told.every is None
+    cutoff = next(port for port in told.ports if port.name == "cutoff")
+    assert (cutoff.way, cutoff.kind, cutoff.unit) == ("parameter", "number", "Hz") and cutoff.doc
+    assert cutoff.low is not None and cutoff.low <= cutoff.value <= (cutoff.high or float("inf"))
+    assert {port.way for port in told.ports} == {"input", "output", "parameter"}
+    refused = with_node.refusal(m.GetNodePorts(node="nothing"))
+    assert "got 'nothing'; expected one of double, low_pass" in refused.message
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

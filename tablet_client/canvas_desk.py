@@ -210,7 +210,7 @@ class CanvasDesk(QObject):
             self._boxes.show([])
             self._seen = ()
             self.drawn.emit()
-        state, launch = canvas.state, self._situation.launch
+        state = canvas.state
         view = {
             "there": picture is not None,
             "start": self._start(),
@@ -225,12 +225,19 @@ class CanvasDesk(QObject):
             "running": bool(active),
             "state": self._state(state) if state is not None else {},
             "way": canvas.way,
-            "programs": [each.name for each in launch.programs] if launch.engine == self._situation.code.engine else [],
+            "programs": self._programs(),
             "others": [name for name in chart.states if name != canvas.selected] if chart else [],
         }
         if view != self._view:
             self._view = view
             self.changed.emit()
+
+    def _programs(self) -> list[str]:
+        """Those of the engine whose code is shown, and those that only this window knows yet."""
+        launch, code = self._situation.launch, self._situation.code
+        known = [each.name for each in launch.programs] if launch.engine == code.engine else []
+        begun = [each.name for each in code.documents.values() if each.kind == "program" and each.engine == code.engine]
+        return list(dict.fromkeys([*known, *begun]))
 
     def _start(self) -> dict[str, float]:
         """The middle of what one looks for first: the state that runs, else the one that is entered first."""

@@ -93,6 +93,20 @@ class CodeDesk(QObject):
         self._code.begin(name, self._code.document if copy else None)
         self._now()
 
+    @Slot(str, str, result=str)
+    def whyNotDraw(self, kind: str, name: str) -> str:
+        """Why no `program`, or `node` that is made of nodes, can be begun under this name."""
+        launch = self._situation.launch
+        there = kind == "program" and any(each.name == name for each in launch.programs)
+        return "name_taken" if there else self._code.why_not_begin(name, kind)
+
+    @Slot(str, str)
+    def beginDrawing(self, kind: str, name: str) -> None:
+        """A new one of these, with nothing in it yet."""
+        if not self.whyNotDraw(kind, name):
+            self._code.begin_drawing(kind, name)
+            self._now()
+
     @Slot()
     def revert(self) -> None:
         self._code.revert()
@@ -260,12 +274,13 @@ class CodeDesk(QObject):
         return [self._entry("program", each.name, problem=each.problem) for each in launch.programs]
 
     def _unsaved(self) -> list[dict[str, Any]]:
-        """Nodes that only this window knows yet."""
-        known = {each.name for each in self._code.nodes}
+        """Nodes and programs that only this window knows yet."""
+        known = {("node", each.name) for each in self._code.nodes}
+        known |= {("program", each.name) for each in self._situation.launch.programs}
         return [
-            self._entry("node", each.name)
+            self._entry(each.kind, each.name)
             for each in self._code.documents.values()
-            if each.kind == "node" and each.engine == self._code.engine and not each.was and each.name not in known
+            if each.loaded and each.engine == self._code.engine and not each.was and (each.kind, each.name) not in known
         ]
 
     def _entry(self, kind: str, name: str, *, builtin: bool = False, problem: str = "") -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from PySide6.QtCore import Property, QObject, Signal, Slot
 
 from handrail.messages import Message, SetRunParameters
-from tablet_client.models.launch import Given
+from tablet_client.models.given import ROLES
 from tablet_client.models.launch import Slot as Resource
 from tablet_client.models.situation import Situation
 from tablet_client.rows import Rows
@@ -32,9 +32,7 @@ class LibraryDesk(QObject):
         self._view: dict[str, Any] = {}
         self._programs = Rows(("name", "title", "problem", "chosen"), "name")
         self._slots = Rows(("name", "title", "kind", "template", "fitting", "bound"), "name")
-        self._parameters = Rows(
-            ("name", "title", "type", "unit", "value", "low", "high", "bounded", "step", "fits", "expected"), "name"
-        )
+        self._parameters = Rows(ROLES, "name")
         self._engines = Rows(("name", "up", "host", "program", "status", "release", "chosen"), "name")
         self._held = Rows(("program", "bundle", "number", "by", "since", "match"), "program")
         self._releases = Rows(("number", "program", "by", "since", "note", "changed", "inForce"), "number")
@@ -203,7 +201,7 @@ class LibraryDesk(QObject):
                 for each in slots
             ]
         )
-        self._parameters.show([_parameter(each) for each in launch.parameters])
+        self._parameters.show([each.shown() for each in launch.parameters])
         self._build_engines()
         entry = next((each for each in launch.programs if each.name == launch.program), None)
         view = {
@@ -304,25 +302,6 @@ class LibraryDesk(QObject):
             "motions": sum(not step.problem and not step.unknown for step in check.steps),
             "unknown": sum(step.unknown for step in check.steps),
         }
-
-
-def _parameter(given: Given) -> dict[str, Any]:
-    parameter = given.parameter
-    low, high = parameter.min, parameter.max
-    bounded = parameter.type in ("number", "integer") and low is not None and high is not None and low < high
-    return {
-        "name": parameter.name,
-        "title": parameter.title,
-        "type": parameter.type,
-        "unit": given.unit,
-        "value": given.value,
-        "low": low if bounded else 0.0,
-        "high": high if bounded else 0.0,
-        "bounded": bounded,
-        "step": 1.0 if parameter.type == "integer" else 0.0,
-        "fits": given.fits,
-        "expected": given.expected,
-    }
 
 
 def _when(at_ns: int) -> str:

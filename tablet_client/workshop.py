@@ -9,6 +9,7 @@ from PySide6.QtCore import Property, QObject
 from handrail.messages import GetNodes, Message
 from tablet_client.canvas_desk import CanvasDesk
 from tablet_client.code_desk import CodeDesk
+from tablet_client.graph_desk import GraphDesk
 from tablet_client.models.situation import Situation
 from tablet_client.output_desk import OutputDesk
 from tablet_client.session import Session
@@ -27,6 +28,7 @@ class Workshop(QObject):
         self._output = OutputDesk(situation, soon)
         self._code = CodeDesk(situation, send, soon)
         self._canvas = CanvasDesk(situation, self._code, soon)
+        self._graph = GraphDesk(situation, self._code, soon)
         self._nodes_asked = float("-inf")
 
     def serve(self, session: Session) -> None:
@@ -45,16 +47,23 @@ class Workshop(QObject):
     def canvas(self) -> CanvasDesk:
         return self._canvas
 
+    @Property(QObject, constant=True)
+    def graph(self) -> GraphDesk:
+        return self._graph
+
     def want(self, now: float) -> Iterator[Message]:
         """The calls that are due, at a time in s that only rises."""
-        if (self._output.watched or self._situation.code.watched) and now - self._nodes_asked >= _NODES_S:
+        watched = self._output.watched or self._situation.code.watched or self._situation.wiring.watched
+        if watched and now - self._nodes_asked >= _NODES_S:
             self._nodes_asked = now
             yield GetNodes()
         self._situation.code.at(self._situation.launch.engine)
         yield from self._situation.code.want()
+        yield from self._situation.wiring.want()
 
     def build(self) -> None:
         """Look at the models anew."""
         self._output.build()
         self._code.build()
         self._canvas.build()
+        self._graph.build()

@@ -37,6 +37,16 @@ class {name}(Node):
     def step(self) -> None:
         self.result = self.gain * self.value
 '''
+NEW_GRAPH = "title: What it does, in a sentence\nnodes: {}\noutputs: {}\n"
+NEW_PROGRAM = """\
+title: What it does, in a sentence
+states:
+  begin:
+    title: Begin
+    transitions:
+      - {target: done}
+  done: {final: true, outcome: succeeded}
+"""
 
 
 @dataclass
@@ -123,6 +133,8 @@ class Code:
         """at the first engine"""
         self.problem = ""
         self.watched = False
+        self.nodes_watched = False
+        """somebody looks at a page that shows which nodes there are"""
         self._listed = False
         self._stale: set[str] = set()  # keys of documents that have to be read (anew)
         self._out: dict[str, Message] = {}
@@ -158,12 +170,12 @@ class Code:
             self.current = next(reversed(self.documents), "")
         return True
 
-    def why_not_begin(self, name: str) -> str:
-        """Code of the reason why no new node can be called that."""
+    def why_not_begin(self, name: str, kind: str = "node") -> str:
+        """Code of the reason why no new node, or program, can be called that."""
         if not name.isidentifier() or keyword.iskeyword(name) or not name.isascii():
             return "no_name"
-        here = Document("node", name, self.engine).key in self.documents
-        return "name_taken" if here or any(each.name == name for each in self.nodes) else ""
+        here = Document(kind, name, self.engine).key in self.documents
+        return "name_taken" if here or (kind == "node" and any(each.name == name for each in self.nodes)) else ""
 
     def begin(self, name: str, like: Document | None = None) -> None:
         """A new node, that nobody knows until it is saved; `like`: it begins as this one stands."""
@@ -171,8 +183,15 @@ class Code:
             return
         file = f"{name}.yaml" if like is not None and like.file.endswith(".yaml") else f"{name}.py"
         title = "".join(part.capitalize() for part in name.split("_")) or name
-        text = like.text if like is not None else NEW_NODE.format(name=title)
-        fresh = Document("node", name, self.engine, file=file, text=text, loaded=True, revision=1)
+        self._begin("node", name, file, like.text if like is not None else NEW_NODE.format(name=title))
+
+    def begin_drawing(self, kind: str, name: str) -> None:
+        """A new `program`, or `node` that is made of nodes, with nothing in it yet."""
+        if not self.why_not_begin(name, kind):
+            self._begin(kind, name, f"{name}.yaml", NEW_PROGRAM if kind == "program" else NEW_GRAPH)
+
+    def _begin(self, kind: str, name: str, file: str, text: str) -> None:
+        fresh = Document(kind, name, self.engine, file=file, text=text, loaded=True, revision=1)
         self.documents[fresh.key] = fresh
         self.current, self.problem = fresh.key, ""
 
@@ -236,7 +255,7 @@ class Code:
     def want(self) -> list[Message]:
         """The calls that are due, each once."""
         calls: list[Message] = []
-        if self.watched and not self._listed:
+        if (self.watched or self.nodes_watched) and not self._listed:
             self._listed = True
             calls.append(self._out.setdefault("list", ListNodes(engine=self.engine)))
         for key in list(self._stale):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,14 +15,12 @@ from handrail.messages import (
     LibraryEntry,
     ListLibrary,
     Message,
-    ProgramParameter,
     ProgramResource,
     ProgramSource,
     Run,
     TaskCheck,
 )
-
-_UNITS = {"deg": "°", "Nm": "N·m"}
+from tablet_client.models.given import Given, of_program
 
 
 @dataclass(frozen=True)
@@ -33,28 +30,6 @@ class Slot:
     resource: ProgramResource
     fitting: tuple[str, ...]
     bound: str
-
-
-@dataclass(frozen=True)
-class Given:
-    """A parameter, its value, and whether it may have it."""
-
-    parameter: ProgramParameter
-    value: Any
-    fits: bool
-
-    @property
-    def unit(self) -> str:
-        """As people write it."""
-        return _UNITS.get(self.parameter.unit, self.parameter.unit)
-
-    @property
-    def expected(self) -> str:
-        """What its value has to be, in the parameter's own unit."""
-        low = "" if self.parameter.min is None else f"{self.parameter.min:g}"
-        high = "" if self.parameter.max is None else f"{self.parameter.max:g}"
-        space = "" if self.unit == "°" else " "
-        return f"{low} … {high}{space}{self.unit}".strip()
 
 
 class Launch:
@@ -156,7 +131,7 @@ class Launch:
         made = []
         for each in self.source.parameters if self.source else []:
             value = self._given.get(each.name, self.running.get(each.name, each.default))
-            made.append(Given(each, value, value == each.default or _fits(each, value)))
+            made.append(of_program(each, value))
         return made
 
     @property
@@ -252,18 +227,3 @@ class Launch:
         self._listed, self.source = False, None
         self._out.clear()
         self._changed()
-
-
-def _fits(parameter: ProgramParameter, value: Any) -> bool:
-    """As the engine checks it."""
-    if parameter.type == "text":
-        return isinstance(value, str)
-    if parameter.type == "bool":
-        return isinstance(value, bool)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return False
-    if parameter.type == "integer" and value != round(value):
-        return False
-    low = -math.inf if parameter.min is None else parameter.min
-    high = math.inf if parameter.max is None else parameter.max
-    return low <= value <= high

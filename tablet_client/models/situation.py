@@ -12,6 +12,7 @@ from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
 from tablet_client.models.canvas.canvas import Canvas
+from tablet_client.models.canvas.wiring import Wiring
 from tablet_client.models.clouds import Clouds
 from tablet_client.models.code import Code
 from tablet_client.models.deployments import Deployments
@@ -67,6 +68,7 @@ class Situation:
         self.output = Output()
         self.code = Code()
         self.canvas = Canvas(self.code)
+        self.wiring = Wiring(self.code)
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
 
@@ -203,6 +205,7 @@ class Situation:
         self.launch.anew()
         self.deployments.anew()
         self.code.anew()
+        self.wiring.anew()
         self._link_news(item)
 
     def _call_done(self, item: arrivals.CallDone) -> None:
@@ -232,6 +235,7 @@ class Situation:
             self.code.running = item.answer.nodes
         self.launch.take(item.call, item.answer)
         self.code.take(item.call, item.answer)
+        self.wiring.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.service.take(item.call, item.answer)
         self.recordings.take(item.call, item.answer)
@@ -265,6 +269,8 @@ class Situation:
             self.move.refused(item.why)
         if isinstance(item.call, messages.SaveTemplate):
             self.bench.saved = ("not_saved", item.why)
+        if self.wiring.failed(item.call, item.why):
+            return  # said where such a part is selected
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
             return  # said beside the waypoints
@@ -353,6 +359,7 @@ class Situation:
     def _code_changed(self, changed: messages.CodeChanged) -> None:
         self.deployments.changed(changed)
         self.code.anew()
+        self.wiring.anew()
         if changed.engine == (self.launch.engine or next(iter(self.deployments.engines), changed.engine)):
             self.launch.anew()
         self.note("info", "code_changed", changed.engine, changed.release.program, changed.release.by)

@@ -18,35 +18,9 @@ Flickable {
     boundsBehavior: Flickable.StopAtBounds
     ScrollBar.vertical: ScrollBar { policy: ScrollBar.AsNeeded; width: Math.round(6 * Theme.scale) }
 
-    component Line: Column {
-        id: line
-        property string field
-        property string label
-        property string value
-        property string hint
-        visible: true
+    component Line: CanvasLine {
         width: column.width
-        spacing: Math.round(2 * Theme.scale)
-        Text { text: line.label; color: Theme.muted; font.pixelSize: Theme.small }
-        EntryField {
-            id: entry
-            objectName: "canvas_" + line.field
-            width: parent.width
-            placeholderText: line.hint
-            Accessible.name: line.label
-            property bool typed: false
-            onTextEdited: typed = true
-            function finish() {
-                if (!typed) return
-                const given = text
-                typed = false // from here on it shows what is so
-                if (line.field === "name") form.canvas.rename(given); else form.canvas.put(line.field, given)
-            }
-            onActiveFocusChanged: if (!activeFocus) finish()
-            Keys.onReturnPressed: finish()
-            Keys.onEnterPressed: finish()
-            Binding on text { when: !entry.typed; value: line.value; restoreMode: Binding.RestoreNone }
-        }
+        onEntered: typed => { if (field === "name") form.canvas.rename(typed); else form.canvas.put(field, typed) }
     }
 
     component Mark: ActionButton {

@@ -3,78 +3,97 @@ import QtQuick.Controls.Basic
 import QtQuick.Layouts
 import Handrail
 
-// A program as a picture: states in states and the ways between them, edited here, saved as the same YAML, comments and all.
+// A program as a picture of its states, or a node that is made of nodes as one of its parts: edited here, saved as the same YAML,
+// comments and all.
 Panel {
     id: panel
 
     readonly property var canvas: desk.workshop.canvas
+    readonly property var graph: desk.workshop.graph
     readonly property var code: desk.workshop.code
-    readonly property var view: canvas.view
-    readonly property bool open: code.view.kind === "program" && code.view.loaded
+    readonly property bool wired: code.view.kind === "node" && code.view.file.endsWith(".yaml")
+    readonly property var drawing: wired ? graph : canvas // what is shown
+    readonly property var view: drawing.view
+    readonly property bool open: (code.view.kind === "program" || wired) && code.view.loaded
     readonly property bool can: open && view.whyEdit === ""
-    readonly property bool some: view.state.name !== undefined
-    property real zoom: 1
-    property string _fitted
-    property bool _zoomed: false // by hand: it is not fitted again
+    readonly property bool some: wired ? graph.view.kind !== "" : canvas.view.state.name !== undefined
+    readonly property real zoom: ground.item ? ground.item.zoom : 1
+    property bool adding: false // a node is chosen, to be a part
 
-    onVisibleChanged: canvas.watch(visible)
-    Component.onCompleted: canvas.watch(visible)
+    onVisibleChanged: watch()
+    onWiredChanged: adding = false
+    Component.onCompleted: watch()
+    function watch() {
+        canvas.watch(visible)
+        graph.watch(visible)
+    }
 
     component Tool: ActionButton { opacity: enabled ? 1 : 0.45 }
-
-    function fit() {
-        if (!view.there) return
-        zoom = Math.max(0.3, Math.min(1.2, (flick.width - 8) / view.width, (flick.height - 8) / view.height))
-        flick.contentX = flick.contentY = 0
+    component Entry: ActionButton {
+        required property string modelData
+        property string kind
+        width: list.width
+        text: modelData
+        checked: panel.code.view.kind === kind && panel.code.view.title === modelData
+        onClicked: panel.code.open(kind, modelData)
     }
-    // Another zoom, with the picture's point at (x, y) of the view where it is.
-    function zoomTo(wanted, x, y) {
-        _zoomed = true
-        const next = Math.max(0.3, Math.min(2.5, wanted)), by = next / zoom
-        const left = (flick.contentX + x) * by - x, top = (flick.contentY + y) * by - y
-        zoom = next
-        flick.contentX = Math.max(0, Math.min(left, flick.contentWidth - flick.width))
-        flick.contentY = Math.max(0, Math.min(top, flick.contentHeight - flick.height))
-    }
-    // Once for each program that is opened.
-    function settle() {
-        if (!visible || !view.there || flick.width < 50) return
-        if (_fitted !== code.view.current) { _fitted = code.view.current; _zoomed = false }
-        if (_zoomed) return
-        fit()
-        if (zoom >= 0.6) return
-        zoom = 0.6 // what is smaller can't be read: from where it begins, or is
-        const start = view.start
-        flick.contentX = Math.max(0, Math.min(start.x * zoom - flick.width / 2, flick.contentWidth - flick.width))
-        flick.contentY = Math.max(0, Math.min(start.y * zoom - flick.height / 3, flick.contentHeight - flick.height))
-    }
-    onViewChanged: if (view.there && _fitted !== code.view.current) settle()
 
     RowLayout {
         anchors { fill: parent; margins: Math.round(14 * Theme.scale) }
         spacing: Theme.gap
 
-        ListView {
-            id: list
-            objectName: "canvasPrograms"
+        ColumnLayout {
             Layout.preferredWidth: Math.round(150 * Theme.scale)
             Layout.maximumWidth: Math.round(150 * Theme.scale)
             Layout.fillHeight: true
-            clip: true
-            model: panel.view.programs
-            spacing: Math.round(3 * Theme.scale)
-            boundsBehavior: Flickable.StopAtBounds
-            activeFocusOnTab: false
-            Accessible.role: Accessible.List
-            Accessible.name: qsTr("Programs")
-            header: Caption { text: qsTr("Programs"); bottomPadding: Theme.tight }
-            delegate: ActionButton {
-                required property string modelData
-                objectName: "canvas_program_" + modelData
-                width: list.width
-                text: modelData
-                checked: panel.code.view.kind === "program" && panel.code.view.title === modelData
-                onClicked: panel.code.open("program", modelData)
+            spacing: Theme.tight
+
+            Flickable {
+                id: list
+                objectName: "canvasPrograms"
+                Layout.fillWidth: true
+                Layout.fillHeight: true
+                clip: true
+                contentHeight: entries.height
+                boundsBehavior: Flickable.StopAtBounds
+                Column {
+                    id: entries
+                    width: list.width
+                    spacing: Math.round(3 * Theme.scale)
+                    Caption { text: qsTr("Programs"); bottomPadding: Theme.tight }
+                    Repeater {
+                        model: panel.canvas.view.programs
+                        Entry { kind: "program"; objectName: "canvas_program_" + modelData }
+                    }
+                    Caption { text: qsTr("Nodes of nodes"); topPadding: Theme.gap; bottomPadding: Theme.tight }
+                    Repeater {
+                        model: panel.graph.view.graphs
+                        Entry { kind: "node"; objectName: "canvas_node_" + modelData }
+                    }
+                }
+            }
+            EntryField {
+                id: fresh
+                objectName: "canvasNewName"
+                Layout.fillWidth: true
+                placeholderText: qsTr("name of a new one")
+                Accessible.name: qsTr("Name of a new program, or of a new node that is made of nodes")
+            }
+            RowLayout {
+                Layout.fillWidth: true
+                spacing: Theme.tight
+                component Begin: ActionButton {
+                    property string kind
+                    readonly property string _why: fresh.text ? panel.code.whyNotDraw(kind, fresh.text) : "empty"
+                    Layout.fillWidth: true
+                    Layout.preferredWidth: 1
+                    Layout.minimumWidth: Theme.touch
+                    enabled: _why === ""
+                    opacity: enabled ? 1 : 0.45
+                    onClicked: { panel.code.beginDrawing(kind, fresh.text); fresh.clear() }
+                }
+                Begin { objectName: "newProgram"; kind: "program"; text: qsTr("Program"); Accessible.name: qsTr("New program") }
+                Begin { objectName: "newGraph"; kind: "node"; text: qsTr("Node"); Accessible.name: qsTr("New node that is made of nodes") }
             }
         }
 
@@ -87,86 +106,83 @@ Panel {
                 visible: panel.open
                 Layout.fillWidth: true
                 spacing: Theme.tight
-                Tool { objectName: "canvasAdd"; text: qsTr("Add"); enabled: panel.can; Accessible.name: qsTr("Add a state"); onClicked: panel.canvas.add(false) }
-                Tool { objectName: "canvasAddWithin"; text: qsTr("Add inside"); enabled: panel.can && panel.some; Accessible.name: qsTr("Add a state in the selected one"); onClicked: panel.canvas.add(true) }
+                Tool {
+                    objectName: "canvasAdd"
+                    text: qsTr("Add")
+                    enabled: panel.can
+                    checked: panel.adding
+                    Accessible.name: panel.wired ? qsTr("Add a node as a part") : qsTr("Add a state")
+                    onClicked: if (panel.wired) panel.adding = !panel.adding; else panel.canvas.add(false)
+                }
+                Tool { visible: !panel.wired; objectName: "canvasAddWithin"; text: qsTr("Add inside"); enabled: panel.can && panel.some; Accessible.name: qsTr("Add a state in the selected one"); onClicked: panel.canvas.add(true) }
                 Tool {
                     objectName: "canvasConnect"
                     text: panel.view.joining ? qsTr("Touch its end") : qsTr("Connect")
-                    enabled: panel.can && panel.some
+                    enabled: panel.can && (panel.wired ? panel.graph.view.port !== "" : panel.some)
                     checked: panel.view.joining
-                    Accessible.name: qsTr("Connect the selected state with the one that is touched next")
-                    onClicked: panel.canvas.joining(!panel.view.joining)
+                    Accessible.name: panel.wired ? qsTr("Connect the selected port with the one that is touched next") : qsTr("Connect the selected state with the one that is touched next")
+                    onClicked: panel.drawing.joining(!panel.view.joining)
                 }
-                Tool { objectName: "canvasNest"; text: qsTr("Nest"); enabled: panel.can && panel.some && panel.view.way < 0; Accessible.name: qsTr("Put the selected state into a new one"); onClicked: panel.canvas.nest(panel.view.state.name + "_group") }
-                Tool { objectName: "canvasRemove"; text: qsTr("Delete"); enabled: panel.can && panel.some; Accessible.name: panel.view.way < 0 ? qsTr("Delete the selected state") : qsTr("Delete the selected way"); onClicked: panel.canvas.remove() }
+                Tool { visible: !panel.wired; objectName: "canvasNest"; text: qsTr("Nest"); enabled: panel.can && panel.some && panel.canvas.view.way < 0; Accessible.name: qsTr("Put the selected state into a new one"); onClicked: panel.canvas.nest(panel.canvas.view.state.name + "_group") }
+                Tool {
+                    objectName: "canvasRemove"
+                    text: qsTr("Delete")
+                    enabled: panel.can && panel.some
+                    Accessible.name: panel.wired ? (panel.graph.view.port !== "" ? qsTr("Delete what the selected port gets") : qsTr("Delete the selected part"))
+                        : panel.canvas.view.way < 0 ? qsTr("Delete the selected state") : qsTr("Delete the selected way")
+                    onClicked: panel.drawing.remove()
+                }
                 Item { Layout.fillWidth: true }
-                Tool { objectName: "canvasUndo"; text: qsTr("Undo"); enabled: panel.view.undo; onClicked: panel.canvas.undo() }
-                Tool { objectName: "canvasRedo"; text: qsTr("Redo"); enabled: panel.view.redo; onClicked: panel.canvas.redo() }
+                Tool { objectName: "canvasUndo"; text: qsTr("Undo"); enabled: panel.view.undo; onClicked: panel.drawing.undo() }
+                Tool { objectName: "canvasRedo"; text: qsTr("Redo"); enabled: panel.view.redo; onClicked: panel.drawing.redo() }
             }
-            Rectangle {
+            Item {
                 Layout.fillWidth: true
                 Layout.fillHeight: true
-                color: Theme.ground
-                radius: Theme.tight
-                border { width: ground.activeFocus ? 2 : 1; color: ground.activeFocus ? Theme.accent : Theme.line }
-                clip: true
-
-                Flickable {
-                    id: flick
-                    objectName: "canvasView"
-                    anchors { fill: parent; margins: 2 }
-                    visible: panel.view.there
-                    contentWidth: Math.max(width, panel.view.width * panel.zoom)
-                    contentHeight: Math.max(height, panel.view.height * panel.zoom)
-                    onWidthChanged: panel.settle()
-                    onHeightChanged: panel.settle()
-                    ScrollBar.vertical: ScrollBar { policy: ScrollBar.AsNeeded; width: Math.round(8 * Theme.scale) }
-                    ScrollBar.horizontal: ScrollBar { policy: ScrollBar.AsNeeded; height: Math.round(8 * Theme.scale) }
-
-                    Item {
-                        id: ground
-                        width: flick.contentWidth
-                        height: flick.contentHeight
-                        activeFocusOnTab: true
-                        Accessible.role: Accessible.Canvas
-                        Accessible.name: qsTr("The program's states; the arrow keys go from one to the next")
-                        Keys.onRightPressed: panel.canvas.beside(1)
-                        Keys.onDownPressed: panel.canvas.beside(1)
-                        Keys.onLeftPressed: panel.canvas.beside(-1)
-                        Keys.onUpPressed: panel.canvas.beside(-1)
-                        Keys.onDeletePressed: if (panel.can) panel.canvas.remove()
-
-                        TapHandler {
-                            onTapped: point => {
-                                ground.forceActiveFocus()
-                                panel.canvas.touchAt(point.position.x / panel.zoom, point.position.y / panel.zoom)
-                            }
-                        }
-                        WheelHandler {
-                            acceptedModifiers: Qt.ControlModifier
-                            onWheel: event => panel.zoomTo(panel.zoom * Math.pow(1.0015, event.angleDelta.y), event.x - flick.contentX, event.y - flick.contentY)
-                        }
-                        PinchHandler {
-                            target: null
-                            property real before: 1
-                            onActiveChanged: before = panel.zoom
-                            onActiveScaleChanged: if (active) panel.zoomTo(before * activeScale, centroid.position.x - flick.contentX, centroid.position.y - flick.contentY)
-                        }
+                Loader {
+                    id: ground
+                    anchors.fill: parent
+                    sourceComponent: panel.wired ? parts : states
+                }
+                Component {
+                    id: states
+                    CanvasGround {
+                        id: program
+                        canvas: panel.canvas
+                        opened: panel.code.view.current
+                        can: panel.can
+                        name: qsTr("The program's states; the arrow keys go from one to the next")
                         Repeater {
                             model: panel.canvas.boxes
                             CanvasBox {
-                                zoom: panel.zoom
-                                joining: panel.view.joining && !selected
+                                zoom: program.zoom
+                                joining: panel.canvas.view.joining && !selected
                                 onTouched: panel.canvas.touch(name)
                                 onJoined: (x, y) => panel.canvas.join(name, x, y)
                             }
                         }
-                        CanvasLines {
-                            width: panel.view.width * panel.zoom
-                            height: panel.view.height * panel.zoom
-                            source: panel.canvas
-                            zoom: panel.zoom
-                            colors: ({ line: Theme.muted, words: Theme.code, chosen: Theme.accent, ground: Theme.ground })
+                    }
+                }
+                Component {
+                    id: parts
+                    CanvasGround {
+                        id: net
+                        canvas: panel.graph
+                        opened: panel.code.view.current
+                        can: panel.can
+                        name: qsTr("The node's parts; the arrow keys go from one to the next")
+                        Repeater {
+                            model: panel.graph.boxes
+                            GraphBox { zoom: net.zoom; onTouched: panel.graph.touch(name) }
+                        }
+                        Repeater {
+                            model: panel.graph.sockets
+                            GraphPort {
+                                zoom: net.zoom
+                                can: panel.can
+                                aimed: panel.graph.view.joining && !selected
+                                onJoined: (x, y) => panel.graph.join(box, port, out, x, y)
+                            }
                         }
                     }
                 }
@@ -176,19 +192,20 @@ Panel {
                     visible: !panel.view.there
                     text: panel.view.problem ? panel.view.problem
                         : panel.open ? ""
-                        : panel.code.view.current && panel.code.view.kind === "program" ? qsTr("%1 is being fetched …").arg(panel.code.view.title)
-                        : qsTr("Choose a program on the left to see its states and to edit them. What is saved is checked by the engine first, a run goes on in it, and it can be rolled back under Library, Engines' code.")
+                        : panel.code.view.current && (panel.code.view.kind === "program" || panel.wired) ? qsTr("%1 is being fetched …").arg(panel.code.view.title)
+                        : qsTr("Choose on the left a program, to see its states, or a node that is made of nodes, to see its parts, and edit them; or begin a new one. What is saved is checked by the engine first, a run goes on in it, and it can be rolled back under Library, Engines' code.")
                     color: panel.view.problem ? Theme.danger : Theme.muted
                     font.pixelSize: Theme.body
                     wrapMode: Text.Wrap
                 }
-                Row {
-                    visible: panel.view.there
-                    anchors { right: parent.right; bottom: parent.bottom; margins: Theme.gap }
-                    spacing: Theme.tight
-                    ActionButton { objectName: "canvasOut"; text: "−"; Accessible.name: qsTr("Smaller"); onClicked: panel.zoomTo(panel.zoom / 1.25, flick.width / 2, flick.height / 2) }
-                    ActionButton { objectName: "canvasIn"; text: "+"; Accessible.name: qsTr("Larger"); onClicked: panel.zoomTo(panel.zoom * 1.25, flick.width / 2, flick.height / 2) }
-                    ActionButton { objectName: "canvasFit"; text: qsTr("Fit"); Accessible.name: qsTr("Show all of it"); onClicked: { panel._zoomed = false; panel.fit() } }
+                Text {
+                    objectName: "graphEmpty"
+                    anchors { fill: parent; margins: Theme.gap }
+                    visible: panel.wired && panel.view.there && panel.graph.view.parts === 0
+                    text: qsTr("It has no parts yet: press Add, and choose a node of the library.")
+                    color: Theme.muted
+                    font.pixelSize: Theme.body
+                    wrapMode: Text.Wrap
                 }
             }
             Text {
@@ -244,10 +261,26 @@ Panel {
                 ActionButton { objectName: "canvasTheirs"; Layout.fillWidth: true; text: qsTr("Take theirs"); onClicked: panel.code.revert() }
                 ActionButton { objectName: "canvasMine"; Layout.fillWidth: true; text: qsTr("Keep mine"); onClicked: panel.code.overrule() }
             }
-            CanvasForm {
-                canvas: panel.canvas
+            Loader {
                 Layout.fillWidth: true
                 Layout.fillHeight: true
+                sourceComponent: panel.wired ? partForm : stateForm
+            }
+            Component {
+                id: stateForm
+                CanvasForm { canvas: panel.canvas }
+            }
+            Component {
+                id: partForm
+                GraphForm {
+                    graph: panel.graph
+                    adding: panel.adding
+                    onAdded: panel.adding = false
+                    onOpened: (node, wired) => {
+                        panel.code.open("node", node)
+                        if (!wired) Pages.open("code")
+                    }
+                }
             }
         }
     }

@@ -92,7 +92,12 @@ ColumnLayout {
             Repeater {
                 id: parameters
                 model: desk.library.parameters
-                LaunchParameter { Layout.fillWidth: true }
+                LaunchParameter {
+                    Layout.fillWidth: true
+                    onTurned: number => desk.library.turn(name, number)
+                    onSwitched: on => desk.library.switch(name, on)
+                    onWritten: text => desk.library.write(name, text)
+                }
             }
             Text {
                 objectName: "launchProblem"

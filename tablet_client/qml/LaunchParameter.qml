@@ -3,7 +3,7 @@ import QtQuick.Controls.Basic
 import QtQuick.Layouts
 import Handrail
 
-// A program's parameter: a number with its unit and, where it has bounds, a slider; a switch; or words.
+// A program's parameter, or a node's: a number with its unit and, where it has bounds, a slider; a switch; one of a few words; or words.
 ColumnLayout {
     id: item
 
@@ -18,6 +18,11 @@ ColumnLayout {
     required property real step
     required property bool fits
     required property string expected
+    required property var choices
+    property string kind: "given" // what its controls' names begin with
+    signal turned(real number)
+    signal switched(bool on)
+    signal written(string text)
     readonly property string label: title || Words.name(name)
     readonly property bool isNumber: type === "number" || type === "integer"
 
@@ -31,7 +36,8 @@ ColumnLayout {
         ValueSlider {
             visible: item.bounded
             Layout.fillWidth: true
-            kind: "given"
+            kind: item.kind
+            titled: false
             name: item.name
             title: item.name
             unit: item.unit
@@ -40,7 +46,7 @@ ColumnLayout {
             high: item.high
             step: item.step
             text: item.expected
-            onMoved: number => desk.library.turn(item.name, number)
+            onMoved: number => item.turned(number)
         }
         NumberField {
             Layout.preferredWidth: Math.round(104 * Theme.scale)
@@ -50,12 +56,12 @@ ColumnLayout {
             unit: item.unit
             decimals: item.type === "integer" ? 0 : item.bounded && item.high - item.low > 20 ? 1 : 3
             value: item.isNumber && item.value !== null ? item.value : 0
-            onEntered: number => desk.library.turn(item.name, number)
+            onEntered: number => item.turned(number)
         }
     }
     ActionButton {
         visible: item.type === "bool"
-        objectName: "given_" + item.name
+        objectName: item.kind + "_" + item.name
         Layout.fillWidth: true
         text: item.value === true ? qsTr("yes") : qsTr("no")
         checked: item.value === true
@@ -63,19 +69,27 @@ ColumnLayout {
         Accessible.name: item.label
         Accessible.checkable: true
         Accessible.checked: checked
-        onClicked: desk.library.switch(item.name, item.value !== true)
+        onClicked: item.switched(item.value !== true)
+    }
+    Choice {
+        visible: item.type === "text" && item.choices.length > 0
+        Layout.fillWidth: true
+        prefix: item.kind + "_" + item.name
+        chosen: item.type === "text" && item.value !== null ? item.value : ""
+        options: item.choices.map(each => ({ name: each, text: each, more: qsTr("%1: %2").arg(item.label).arg(each) }))
+        onTaken: name => item.written(name)
     }
     TextField {
         id: words
-        visible: item.type === "text"
-        objectName: "given_" + item.name
+        visible: item.type === "text" && item.choices.length === 0
+        objectName: item.kind + "_" + item.name
         Layout.fillWidth: true
         Layout.preferredHeight: Theme.touch
         color: Theme.text
         font.pixelSize: Theme.body
         Accessible.role: Accessible.EditableText
         Accessible.name: item.label
-        onTextEdited: desk.library.write(item.name, text)
+        onTextEdited: item.written(text)
         Binding on text { when: !words.activeFocus; value: item.type === "text" && item.value !== null ? item.value : ""; restoreMode: Binding.RestoreNone }
         Keys.onEscapePressed: desk.stop()
         background: Rectangle {

@@ -16,6 +16,7 @@ Item {
     required property string text
     property string kind: "parameter"
     property string why: ""
+    property bool titled: true // the title is shown, and not only said
     signal moved(real value)
     signal finished()
 
@@ -28,7 +29,7 @@ Item {
         Text {
             id: title
             width: parent.width - shown.width - Theme.gap
-            text: item.title
+            text: item.titled ? item.title : ""
             color: Theme.muted; font.pixelSize: Theme.small
             elide: Text.ElideRight
         }

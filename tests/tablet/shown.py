@@ -279,7 +279,7 @@ def judge(asking: Shown, size: tuple[int, int]) -> int:
     for control in controls:
         name = QQmlProperty(control, "Accessible.name", qmlContext(control)).read()
         assert name, f"{control.objectName()} has no accessible name"
-        assert min(control.width(), control.height()) >= 44, control.objectName()
+        assert min(control.width(), control.height()) >= 44, (control.objectName(), control.width(), control.height())
         assert control.property("activeFocusOnTab"), f"{control.objectName()} is not reached by the keyboard"
         whole = control if (scrolled := scrolled_by(control)) is None else scrolled
         corner = whole.mapToScene(whole.boundingRect().bottomRight())

@@ -16,11 +16,10 @@ from handrail import yaml_file
 from handrail.program_edit import ProgramText
 from tablet_client.models.canvas import picture
 from tablet_client.models.canvas.chart import Chart, State, read
+from tablet_client.models.canvas.history import History
 from tablet_client.models.canvas.picture import Picture
 from tablet_client.models.code import Code, Document
 
-_UNDO = 200
-"""steps that are kept"""
 WAY = ("event", "cond", "after", "target", "set", "autonomy")
 """fields of a transition"""
 TEXTS = ("title", "do", "outcome", "detail", "event", "cond", "target", "autonomy")
@@ -42,8 +41,7 @@ class Canvas:
         self.watched = False
         """somebody looks"""
         self._drawn: tuple[str, Chart | None, Picture | None, str] = ("", None, None, "")
-        self._done: dict[str, list[str]] = {}
-        self._undone: dict[str, list[str]] = {}
+        self._history = History(code)
 
     # ---------------------------------------------------------------------------------------------------------- shown
 
@@ -259,35 +257,25 @@ class Canvas:
         except ValueError as problem:
             self.said = str(problem)
             return False
-        if text.text != document.text:
-            steps = self._done.setdefault(document.key, [])
-            steps.append(document.text)
-            del steps[:-_UNDO]
-            self._undone[document.key] = []
-            self._code.put(document.key, text.text)
+        self._history.change(document, text.text)
         return True
 
     # -------------------------------------------------------------------------------------------------- and back again
 
     @property
     def can_undo(self) -> bool:
-        return self.document is not None and bool(self._done.get(self.document.key))
+        return self._history.can_undo(self.document)
 
     @property
     def can_redo(self) -> bool:
-        return self.document is not None and bool(self._undone.get(self.document.key))
+        return self._history.can_redo(self.document)
 
     def undo(self) -> None:
-        self._back(self._done, self._undone)
+        if self._history.undo(self.document):
+            self.said = ""
 
     def redo(self) -> None:
-        self._back(self._undone, self._done)
-
-    def _back(self, steps: dict[str, list[str]], others: dict[str, list[str]]) -> None:
-        document = self.document
-        if document is not None and steps.get(document.key):
-            others.setdefault(document.key, []).append(document.text)
-            self._code.put(document.key, steps[document.key].pop())
+        if self._history.redo(self.document):
             self.said = ""
 
 

@@ -10,6 +10,7 @@ import pytest
 from handrail.messages import (
     BundleState,
     GetNodePorts,
+    GetNodeSource,
     ListNodes,
     NodeEntry,
     NodeLibrary,
@@ -306,6 +307,8 @@ def test_by_mouse_a_node_is_begun_its_parts_are_added_wired_set_and_saved(robot:
             return NodeLibrary(nodes=[NodeEntry(name=name, file=f"{name}.py", builtin=False) for name in PORTS])
         if isinstance(call, GetNodePorts):
             return ports(call)
+        if isinstance(call, GetNodeSource):
+            return NodeSource(node=call.node, file=f"{call.node}.py", text="# a node\n", builtin=False)
         if isinstance(call, SaveNode):
             saved.append(call)
             return BundleState(release=Release(number=1, program="nodes/calm", bundle="3" * 32, by="ada", at_ns=0))
@@ -390,3 +393,4 @@ def test_by_mouse_a_node_is_begun_its_parts_are_added_wired_set_and_saved(robot:
     assert all(row["active"] for row in view.boxes.lines)
     shown.press("graphOpen")
     shown.until(lambda: shown.words("Pages.current") == "code" and shown.desk.workshop.code.view["title"] == "doubler")
+    shown.until(lambda: shown.desk.workshop.code.view["loaded"])

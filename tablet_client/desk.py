@@ -95,7 +95,7 @@ class Desk(QObject):
         self._ghost: dict[str, Any] = {}
         self._ghost_time = 0.0
         self._last_look = self._frame_since = time.monotonic()
-        self._frame_out = False
+        self._frame_out = self._closed = False
         self._look = QTimer(self, singleShot=True, interval=frame)
         self._look.timeout.connect(self.look)
         self._arrived.connect(self._soon, Qt.ConnectionType.QueuedConnection)
@@ -112,6 +112,7 @@ class Desk(QObject):
 
     def close(self) -> None:
         """Look no more. Python may take the desk down on any thread, and Qt's timers must not run then."""
+        self._closed = True  # pages that go say that nobody looks at them any more
         self._arrived.disconnect(self._soon)
         self._stage.changed.disconnect(self._soon)
         self._look.stop()
@@ -263,7 +264,7 @@ class Desk(QObject):
         self._frame_out = False
 
     def _soon(self) -> None:
-        if not self._look.isActive():
+        if not self._look.isActive() and not self._closed:
             self._look.start()
 
     @Slot()

@@ -11,6 +11,7 @@ from tablet_client.canvas_desk import CanvasDesk
 from tablet_client.code_desk import CodeDesk
 from tablet_client.graph_desk import GraphDesk
 from tablet_client.models.situation import Situation
+from tablet_client.node_desk import NodeDesk
 from tablet_client.output_desk import OutputDesk
 from tablet_client.session import Session
 
@@ -29,6 +30,7 @@ class Workshop(QObject):
         self._code = CodeDesk(situation, send, soon)
         self._canvas = CanvasDesk(situation, self._code, soon)
         self._graph = GraphDesk(situation, self._code, soon)
+        self._nodes = NodeDesk(situation, soon)
         self._nodes_asked = float("-inf")
 
     def serve(self, session: Session) -> None:
@@ -51,6 +53,10 @@ class Workshop(QObject):
     def graph(self) -> GraphDesk:
         return self._graph
 
+    @Property(QObject, constant=True)
+    def nodes(self) -> NodeDesk:
+        return self._nodes
+
     def want(self, now: float) -> Iterator[Message]:
         """The calls that are due, at a time in s that only rises."""
         watched = self._output.watched or self._situation.code.watched or self._situation.wiring.watched
@@ -60,6 +66,7 @@ class Workshop(QObject):
         self._situation.code.at(self._situation.launch.engine)
         yield from self._situation.code.want()
         yield from self._situation.wiring.want()
+        yield from self._situation.node_parameters.want()
 
     def build(self) -> None:
         """Look at the models anew."""
@@ -67,3 +74,4 @@ class Workshop(QObject):
         self._code.build()
         self._canvas.build()
         self._graph.build()
+        self._nodes.build()

@@ -37,6 +37,11 @@ class Given:
         space = "" if self.unit == "°" else " "
         return ", ".join(self.choices) or f"{low} … {high}{space}{self.unit}".strip()
 
+    def with_value(self, value: Any) -> Given:
+        """The same with another value."""
+        fits = _fits(self.parameter, value) and (not self.choices or value in self.choices)
+        return Given(self.parameter, value, fits, self.choices)
+
     def shown(self) -> dict[str, Any]:
         """As `LaunchParameter` draws it: with a slider where it has bounds."""
         parameter, low, high = self.parameter, self.parameter.min, self.parameter.max
@@ -73,8 +78,7 @@ def of_port(port: NodePort, value: Any) -> Given:
     parameter = ProgramParameter(
         name=port.name, type=_TYPES[port.kind], default=None, unit=port.unit, min=port.low, max=port.high
     )
-    fits = _fits(parameter, value) and (not port.choices or value in port.choices)
-    return Given(parameter, value, fits, tuple(port.choices))
+    return Given(parameter, None, False, tuple(port.choices)).with_value(value)
 
 
 def _fits(parameter: ProgramParameter, value: Any) -> bool:

@@ -22,6 +22,7 @@ from tablet_client.models.launch import Launch
 from tablet_client.models.link import Link
 from tablet_client.models.link_quality import LinkQuality
 from tablet_client.models.move import Move
+from tablet_client.models.node_parameters import NodeParameters
 from tablet_client.models.output import Output
 from tablet_client.models.plans import Plans
 from tablet_client.models.prompts import Prompts, lets_go
@@ -69,6 +70,7 @@ class Situation:
         self.code = Code()
         self.canvas = Canvas(self.code)
         self.wiring = Wiring(self.code)
+        self.node_parameters = NodeParameters(self.code)
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
 
@@ -163,6 +165,7 @@ class Situation:
         if isinstance(item, arrivals.Unanswered | arrivals.EngineDetached):
             self.task.tree.detached()
             self.bench.detached()
+            self.node_parameters.anew()
         if isinstance(item, arrivals.Unanswered):
             self.pending.clear()
             self.service.anew()
@@ -236,6 +239,7 @@ class Situation:
         self.launch.take(item.call, item.answer)
         self.code.take(item.call, item.answer)
         self.wiring.take(item.call, item.answer)
+        self.node_parameters.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.service.take(item.call, item.answer)
         self.recordings.take(item.call, item.answer)
@@ -269,8 +273,8 @@ class Situation:
             self.move.refused(item.why)
         if isinstance(item.call, messages.SaveTemplate):
             self.bench.saved = ("not_saved", item.why)
-        if self.wiring.failed(item.call, item.why):
-            return  # said where such a part is selected
+        if self.wiring.failed(item.call, item.why) or self.node_parameters.failed(item.call, item.why):
+            return  # said where such a part is selected, and where the parameter is set
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
             return  # said beside the waypoints

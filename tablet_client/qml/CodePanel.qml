@@ -10,6 +10,7 @@ Panel {
     readonly property var code: desk.workshop.code
     readonly property var view: code.view
     property bool finding: false
+    property bool tuning: false // the parameters of what runs of it are shown
 
     onVisibleChanged: code.watch(visible)
     Component.onCompleted: code.watch(visible)
@@ -192,6 +193,16 @@ Panel {
                     Timer { running: back.sure; interval: 3000; onTriggered: back.sure = false }
                 }
                 ActionButton {
+                    objectName: "tuneCode"
+                    visible: desk.workshop.nodes.count > 0
+                    text: qsTr("Parameters")
+                    checked: panel.tuning
+                    Accessible.name: qsTr("Parameters of the nodes that run of it")
+                    Accessible.checkable: true
+                    Accessible.checked: checked
+                    onClicked: panel.tuning = !panel.tuning
+                }
+                ActionButton {
                     objectName: "reloadCode"
                     visible: panel.view.reloads > 0
                     text: qsTr("Reload running")
@@ -250,24 +261,41 @@ Panel {
                 wrapMode: Text.Wrap
                 verticalAlignment: Text.AlignTop
             }
-            Item {
-                id: editors
-                property var current: null
+            RowLayout {
                 visible: panel.view.loaded
                 Layout.fillWidth: true
                 Layout.fillHeight: true
-                Repeater {
-                    model: panel.code.documents
-                    CodeEditor {
-                        anchors.fill: parent
-                        visible: key === panel.view.current
-                        problem: visible ? panel.view.problem : ({ line: 0, message: "", here: true, at: 0 })
-                        onVisibleChanged: if (visible) editors.current = this; else if (editors.current === this) editors.current = null
-                        Component.onCompleted: if (visible) editors.current = this
-                        Component.onDestruction: if (editors.current === this) editors.current = null
-                        onSaveAsked: panel.save()
-                        onFindAsked: { panel.finding = true; search.forceActiveFocus(); search.selectAll() }
+                spacing: Theme.gap
+                Item {
+                    id: editors
+                    property var current: null
+                    Layout.fillWidth: true
+                    Layout.fillHeight: true
+                    Repeater {
+                        model: panel.code.documents
+                        CodeEditor {
+                            anchors.fill: parent
+                            visible: key === panel.view.current
+                            problem: visible ? panel.view.problem : ({ line: 0, message: "", here: true, at: 0 })
+                            onVisibleChanged: if (visible) editors.current = this; else if (editors.current === this) editors.current = null
+                            Component.onCompleted: if (visible) editors.current = this
+                            Component.onDestruction: if (editors.current === this) editors.current = null
+                            onSaveAsked: panel.save()
+                            onFindAsked: { panel.finding = true; search.forceActiveFocus(); search.selectAll() }
+                        }
                     }
+                }
+                Flickable {
+                    id: running
+                    visible: panel.tuning && desk.workshop.nodes.count > 0
+                    Layout.preferredWidth: Math.round(250 * Theme.scale)
+                    Layout.maximumWidth: Math.round(250 * Theme.scale)
+                    Layout.fillHeight: true
+                    clip: true
+                    contentHeight: tuned.implicitHeight
+                    boundsBehavior: Flickable.StopAtBounds
+                    ScrollBar.vertical: ScrollBar { policy: ScrollBar.AsNeeded; width: Math.round(6 * Theme.scale) }
+                    RunningNodes { id: tuned; width: running.width - Theme.tight }
                 }
             }
             AbstractButton { // leads to the line

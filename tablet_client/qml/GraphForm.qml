@@ -91,6 +91,7 @@ Flickable {
         }
         Line { visible: !form.adding && form.view.kind === ""; field: "title"; label: qsTr("What it does"); value: form.view.title }
         Line { visible: !form.adding && form.view.kind === ""; field: "every"; label: qsTr("Steps every, in s"); value: form.view.every; hint: qsTr("when it is asked") }
+        RunningNodes { visible: !form.adding && form.view.kind === ""; Layout.fillWidth: true }
 
         // ----------------------------------------------------------------------------------------------------- a part
         Caption { visible: form.ofPart; Layout.fillWidth: true; text: qsTr("Part") }

@@ -61,7 +61,7 @@ ColumnLayout {
     }
     ActionButton {
         visible: item.type === "bool"
-        objectName: item.kind + "_" + item.name
+        objectName: visible ? item.kind + "_" + item.name : ""
         Layout.fillWidth: true
         text: item.value === true ? qsTr("yes") : qsTr("no")
         checked: item.value === true
@@ -82,7 +82,7 @@ ColumnLayout {
     TextField {
         id: words
         visible: item.type === "text" && item.choices.length === 0
-        objectName: item.kind + "_" + item.name
+        objectName: visible ? item.kind + "_" + item.name : ""
         Layout.fillWidth: true
         Layout.preferredHeight: Theme.touch
         color: Theme.text

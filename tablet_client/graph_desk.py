@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import Property, QObject, Signal, Slot
 
-from handrail.messages import NodeState
+from handrail.messages import NodePort, NodeState
 from tablet_client.code_desk import CodeDesk
 from tablet_client.models.canvas.graph import IN, OUT
 from tablet_client.models.canvas.picture import Curve
@@ -20,6 +20,7 @@ _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do 
 _BOX = ("name", "boxX", "boxY", "boxWidth", "boxHeight", "title", "node", "kind", "problem", "active", "selected")
 _SOCKET = ("key", "box", "port", "out", "atX", "atY", "known", "selected", "value")
 _INPUT = ("name", "about", "source", "selected", "sources")
+_ROOM = 10  # characters
 _OUTPUT = ("name", "about", "own", "goes", "selected")
 
 
@@ -280,7 +281,7 @@ class GraphDesk(QObject):
 
     def _sockets(self, running: NodeState | None) -> list[dict[str, Any]]:
         picture, wiring = self._wiring.picture, self._wiring
-        values = {port.name: _value(port.value, port.summary) for port in running.ports} if running is not None else {}
+        values = {port.name: _value(port) for port in running.ports} if running is not None else {}
         return [
             {
                 "key": f"{each.box}.{each.port}.{each.out}",
@@ -363,7 +364,7 @@ def _kind(source: str) -> str:
     return "nothing" if source == NOTHING else "new" if source == NEW else "in" if source.startswith(IN) else "part"
 
 
-def _about(port: Any) -> str:
+def _about(port: NodePort) -> str:
     """What it is, of what kind, in which unit."""
     kind = f"{port.kind}, {port.unit}" if port.unit else port.kind
     return f"{kind}: {port.doc}" if port.doc else kind
@@ -375,7 +376,13 @@ def _fresh(document: Any, code: Any) -> bool:
     return document.kind == "node" and document.engine == code.engine and document.name not in known
 
 
-def _value(value: Any, summary: str) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return summary or ("" if value is None else str(value)[:20])
+def _value(port: NodePort) -> str:
+    """Its newest value, as far as there is room for it."""
+    value = port.value
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return f"{value:.4g} {port.unit}".rstrip()
+    if isinstance(value, str):
+        return value if len(value) <= _ROOM else value[: _ROOM - 1] + "…"
+    return "" if value is None and not port.summary else "…"  # arrays, poses: `handrail node watch` has them

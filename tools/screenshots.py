@@ -103,6 +103,17 @@ class Camera:
         value, _ = QQmlExpression(qmlContext(self.window), self.window, expression).evaluate()
         return value
 
+    def show(self, field: str, value: object, page: str) -> None:
+        """Set a property of a page that is open."""
+        queue = [self.window.contentItem()]  # what a Repeater made is no child of the window otherwise
+        while queue and queue[-1].objectName() != f"page_{page}":
+            queue += queue.pop().childItems()
+        queue[-1].property("item").setProperty(field, value)
+
+    def lit(self, on: bool) -> None:
+        """In the colours for the day."""
+        self._ask(f"Theme.dark = {'false' if on else 'true'}")
+
     def take(self, name: str) -> None:
         """Pictures of what the window shows, one a size."""
         from tablet_client.window import NO_ANTIALIASING, SUPERSAMPLED
@@ -155,8 +166,12 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
             camera.turn(0.5)
             desk.workshop.canvas.touch("stroking")
         elif page == "code":
+            robot.start_node("low_pass", name="smooth", params={"cutoff": 5.0})
             desk.workshop.code.open("node", "low_pass")
-            camera.until(lambda: desk.workshop.code.documents.lines, "a node's code")
+            code = desk.workshop.code
+            camera.until(lambda code=code: code.view["title"] == "low_pass" and code.view["loaded"], "a node's code")
+            camera.until(lambda: desk.workshop.nodes.count, "the node that runs")
+            camera.show("tuning", True, page)
         elif page == "objects":
             camera.until(lambda: desk.bench.view["selected"], "the selected wheel")
             camera.turn(10.0)  # what is reached comes while it is looked at
@@ -177,10 +192,26 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
             desk.recordings.show("valve")
             camera.until(lambda: desk.recordings.time > 1.0, "the replay")
         camera.take(page)
+        if page == "canvas":
+            _graph(camera, robot)
+        elif page == "library":
+            camera.show("part", "engines", page)
+            camera.until(lambda: desk.library.engines.lines, "the engines")
+            camera.take("engines")
+            camera.show("part", "programs", page)
+        elif page == "objects":
+            camera.lit(True)
+            camera.take("light")
+            camera.lit(False)
+        if page == "code":
+            robot.stop_node("smooth")
         desk.recordings.back()
         desk.move.reset()
     desk.bench.select("")
     camera.page("task")
+    desk.tour.begin()
+    camera.take("tour")
+    desk.tour.end()
     robot.run(robot.deploy("turn_valve", {"arm": "right", "valve": "wheel_1"}))
     camera.until(lambda: desk.prompt["open"] and desk.ghost["shown"], "the program's question")
     camera.turn(1.5)
@@ -189,6 +220,20 @@ def _tour(camera: Camera, start: Callable[[], Client]) -> None:
     robot.stop("Ada, at the tablet")
     camera.until(lambda: desk.header["drives"] == "stopped", "the stop")
     camera.take("stopped")
+
+
+def _graph(camera: Camera, robot: Client) -> None:
+    """A node that is made of nodes, while it runs."""
+    desk = camera.desk
+    robot.start_node("contact", params={"limit": 6.0})
+    robot.put_node("contact", {"wrench": [3.0, 6.0, 2.0, 0.0, 0.0, 0.0], "time": 0.0}, step=True)
+    desk.workshop.code.open("node", "contact")
+    camera.until(lambda: desk.workshop.graph.view["there"] and desk.workshop.graph.view["running"], "a node's picture")
+    desk.situation.wiring.select("pressed", ("value", False))
+    camera.until(lambda: desk.situation.wiring.ports("pressed", "input"), "the ports of its parts")
+    camera.turn(0.5)
+    camera.take("graph")
+    robot.stop_node("contact")
 
 
 def _patiently(call: Callable[[], object], camera: Camera) -> None:
@@ -212,7 +257,7 @@ def main() -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="handrail-")))
         os.environ.update(
             HANDRAIL_RUNTIME=str(folder / "run"), HANDRAIL_KEYS=str(folder / "keys"),
-            HANDRAIL_RECORDINGS=str(folder / "recordings"),
+            HANDRAIL_RECORDINGS=str(folder / "recordings"), XDG_CONFIG_HOME=str(folder / "config"),
             DISPLAY=stack.enter_context(virtual_screen()), QT_QPA_PLATFORM="xcb", QSG_RENDER_LOOP="basic",
         )  # fmt: skip
         with socket.socket() as free:

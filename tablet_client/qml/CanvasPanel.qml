@@ -92,7 +92,19 @@ Panel {
                     opacity: enabled ? 1 : 0.45
                     onClicked: { panel.code.beginDrawing(kind, fresh.text); fresh.clear() }
                 }
-                Begin { objectName: "newProgram"; kind: "program"; text: qsTr("Program"); Accessible.name: qsTr("New program") }
+                ActionButton {
+                    visible: panel.wired
+                    objectName: "copyGraph"
+                    Layout.fillWidth: true
+                    Layout.preferredWidth: 1
+                    Layout.minimumWidth: Theme.touch
+                    text: qsTr("Copy")
+                    enabled: fresh.text !== "" && panel.open && panel.code.whyNotDraw("node", fresh.text) === ""
+                    opacity: enabled ? 1 : 0.45
+                    Accessible.name: qsTr("New node, a copy of the one that is shown")
+                    onClicked: { panel.code.begin(fresh.text, true); fresh.clear() }
+                }
+                Begin { visible: !panel.wired; objectName: "newProgram"; kind: "program"; text: qsTr("Program"); Accessible.name: qsTr("New program") }
                 Begin { objectName: "newGraph"; kind: "node"; text: qsTr("Node"); Accessible.name: qsTr("New node that is made of nodes") }
             }
         }
@@ -239,7 +251,7 @@ Panel {
                     Text {
                         objectName: "canvasState"
                         width: parent.width
-                        text: panel.code.view.dirty ? qsTr("not saved") : panel.code.view.release > 0 ? qsTr("saved as release %1").arg(panel.code.view.release) : panel.view.running ? qsTr("running") : qsTr("as the engine has it")
+                        text: panel.code.view.readOnly ? qsTr("built in: read only") : panel.code.view.dirty ? qsTr("not saved") : panel.code.view.release > 0 ? qsTr("saved as release %1").arg(panel.code.view.release) : panel.view.running ? qsTr("running") : qsTr("as the engine has it")
                         color: panel.code.view.dirty ? Theme.warning : Theme.muted
                         font.pixelSize: Theme.small
                         elide: Text.ElideRight

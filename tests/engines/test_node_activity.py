@@ -86,7 +86,7 @@ def test_a_run_that_is_stopped_ends_a_node_in_an_endless_step(stack, library):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("node: scale,", "node: scall,", r"scale.yaml:9: states.scaling.with.node: got 'scall'; expected one of low_pass, scale"),
+        ("node: scale,", "node: scall,", r"scale.yaml:9: states.scaling.with.node: got 'scall'; expected one of beyond, "),
         ("value: begin + 1", "value: begun + 1", r"with.inputs.value.*begun"),
         ("outputs: [result, all]", "outputs: [all]", r"_event.data has no 'result' here; expected one of all"),
         (", outputs: [result, all]", "", r"with.outputs: missing; node needs it"),

@@ -217,8 +217,11 @@ def test_the_engine_starts_watches_and_stops_nodes_by_call(stack, own):
     state = stack.call(m.PutNode(name="adder", step=True))
     assert next(port.value for port in state.ports if port.name == "total") == 200.0
     for wrong, words in (
-        (m.StartNode(node="som"), "expected one of low_pass, statechart, sum"),
-        (m.StartNode(node=str(own / "nodes" / "sum.py"), name="x"), "expected one of low_pass, statechart, sum"),
+        (m.StartNode(node="som"), "expected one of beyond, contact, low_pass, statechart, sum"),
+        (
+            m.StartNode(node=str(own / "nodes" / "sum.py"), name="x"),
+            "expected one of beyond, contact, low_pass, statechart, sum",
+        ),
         (m.StartNode(node="sum", name="adder"), "'adder' runs already"),
         (
             m.StartNode(node="sum", name="other", inputs={"valu": 1.0}),

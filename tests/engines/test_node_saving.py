@@ -67,7 +67,7 @@ def test_the_ports_of_a_node_of_the_library_are_told_with_their_bounds(with_node
     assert cutoff.low is not None and cutoff.low <= cutoff.value <= (cutoff.high or float("inf"))
     assert {port.way for port in told.ports} == {"input", "output", "parameter"}
     refused = with_node.refusal(m.GetNodePorts(node="nothing"))
-    assert "got 'nothing'; expected one of double, low_pass" in refused.message
+    assert "got 'nothing'; expected one of beyond, contact, double, low_pass" in refused.message
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from engines.nodes import Case, Input, Node, Output, Param, cli, library
+from engines.nodes import Case, Input, Node, Output, Param, cli, composite, library
 from engines.nodes.host import NodeFailed, NodeProcess
 from engines.nodes.launcher import LAUNCHER
 from engines.nodes.node import load
@@ -211,7 +211,7 @@ def test_every_node_of_the_library_keeps_its_own_cases(monkeypatch):
     monkeypatch.delenv("HANDRAIL_WORKSPACE", raising=False)
     assert "low_pass" in library.files()
     for file in library.files().values():
-        assert load(file).__doc__
+        assert (composite.read(file) if file.suffix == ".yaml" else load(file)).__doc__
         tried = CliRunner().invoke(cli.app, ["test", str(file)])
         assert tried.exit_code == 0, tried.output
 
@@ -233,7 +233,7 @@ def test_the_command_tries_cases_and_runs_nodes_of_a_workspace(tmp_path, monkeyp
     assert ran.exit_code == 0 and ran.output.count('{"twice": "ababab"}') == 2
     failed = handrail("run", "doubler", "--input", "what=raise")
     assert failed.exit_code == 1 and "no such thing" in failed.output
-    assert "expected one of doubler, low_pass" in handrail("show", "nothing").output
+    assert "expected one of beyond, contact, doubler, low_pass" in handrail("show", "nothing").output
 
 
 @pytest.fixture

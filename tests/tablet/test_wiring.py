@@ -386,11 +386,18 @@ def test_by_mouse_a_node_is_begun_its_parts_are_added_wired_set_and_saved(robot:
 
     running = NodeState(
         name="calm", node="calm", state="up", process=1, restarts=0, cpu_share=0.0, memory_mb=1.0, every=None,
-        ports=[port("wrench", "input", "wrench"), port("result", "output", value=5.25)],
+        ports=[port("wrench", "input", "wrench"), port("result", "output", unit="N", value=5.25)],
     )  # fmt: skip
     robot.nodes = Nodes(nodes=[running])
-    shown.until(lambda: [row["value"] for row in view.sockets.lines if row["box"] == OUT] == ["5.25"])
+    shown.until(lambda: [row["value"] for row in view.sockets.lines if row["box"] == OUT] == ["5.25 N"])
     assert all(row["active"] for row in view.boxes.lines)
+    shown.item("canvasNewName").forceActiveFocus()
+    shown.key(Qt.Key.Key_X)
+    shown.press("copyGraph")
+    shown.until(lambda: shown.desk.workshop.code.view["title"] == "x" and view.view["parts"] == 2)
+    shown.press("canvas_node_calm")
+    shown.until(lambda: shown.desk.workshop.code.view["title"] == "calm" and shown.there("part_doubler"))
+    shown.desk.workshop.graph.touch("doubler")
     shown.press("graphOpen")
     shown.until(lambda: shown.words("Pages.current") == "code" and shown.desk.workshop.code.view["title"] == "doubler")
     shown.until(lambda: shown.desk.workshop.code.view["loaded"])

@@ -30,6 +30,7 @@ import msgspec
 
 from handrail.bundles.manifest import Bundle
 from handrail.bundles.sending import Progress, Sender
+from handrail.command_calls import CommandCalls
 from handrail.instance_calls import InstanceCalls
 from handrail.link import keys as link_keys
 from handrail.link.events import Events, Live
@@ -128,7 +129,7 @@ def connect(
     return Client(session, engine)
 
 
-class Client(InstanceCalls, NodeCalls, TemplateCalls):
+class Client(CommandCalls, InstanceCalls, NodeCalls, TemplateCalls):
     """One operator's connection to a robot. Made by `connect`; reconnects by itself; close it or use it as a context."""
 
     def __init__(self, session: Session, engine: str = ""):

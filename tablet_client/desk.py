@@ -24,7 +24,9 @@ from handrail.messages import (
     ListLibrary,
     MakePlan,
     Message,
+    ReturnCommand,
     SaveTemplate,
+    TakeCommand,
 )
 from tablet_client.bench_desk import BenchDesk
 from tablet_client.camera_desk import CameraDesk
@@ -203,6 +205,18 @@ class Desk(QObject):
         if not self.situation.why_not_command(name):
             self._send(_COMMANDS[name]())
 
+    @Slot(bool)
+    def takeCommand(self, over: bool) -> None:
+        """Keep others from moving the robot; `over`: who has the command loses it."""
+        if not self.situation.why_not_take_command():
+            self._send(TakeCommand(take_over=over))
+
+    @Slot()
+    def returnCommand(self) -> None:
+        """Let whoever is connected command."""
+        if not self.situation.why_not_take_command():
+            self._send(ReturnCommand())
+
     @Slot(str)
     def answer(self, option: str) -> None:
         """Answer the prompt that is shown."""
@@ -348,6 +362,9 @@ class Desk(QObject):
             "cloudAge": self._cloud_age(),
             "ifLost": if_lost(status, self.situation.task.status),
             "commands": [{"part": part, "owner": owner} for part, owner in commanders(status)],
+            "commander": self.situation.commander,
+            "commandIsMine": bool(self.situation.commander) and not self.situation.others_command,
+            "commandWhy": self.situation.why_not_take_command(),
             "actions": list(status.actions) if status else [],
             "handWhy": self.situation.why_not_hand(),
             "places": list(self.situation.world.instances),

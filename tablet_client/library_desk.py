@@ -144,6 +144,8 @@ class LibraryDesk(QObject):
             if info is None or not info.up:
                 return "no_engine"
             return "sending" if "RollBack" in situation.pending else ""
+        if situation.others_command and command in ("run", "set"):
+            return situation.others_command
         if command == "set":
             return "sending" if "SetRunParameters" in situation.pending else situation.launch.why_not_set()
         if why := situation.launch.why_not(self._resources()):

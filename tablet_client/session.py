@@ -226,7 +226,7 @@ class Session:
                 who = self._ask(GetIdentity(), ClientIdentity)
             took = time.monotonic() - began
         finally:
-            told = {} if who.role == "none" else {"name": who.name, "role": who.role}
+            told = {} if who.role == "none" else {"name": who.name, "role": who.role, "commander": who.commander}
             self._inbox.put(arrivals.Pinged(time.monotonic(), took, self._client.traffic_by_kind, **told))
 
     def _fetch_engine(self) -> None:

@@ -32,6 +32,7 @@ from handrail.engines import of as engine_of
 from handrail.link import codec, keys, selections
 from handrail.link.archive import Archive
 from handrail.link.backend import Backend, Gone
+from handrail.link.command import Command
 from handrail.link.guests import Guests, check_owner
 from handrail.link.selections import Selections
 from handrail.link.service import ask_supervisor
@@ -48,8 +49,10 @@ from handrail.messages import (
     Ok,
     Recordings,
     Refused,
+    ReturnCommand,
     Samples,
     Stop,
+    TakeCommand,
     spec,
 )
 from handrail.runtime import Runtime
@@ -134,6 +137,7 @@ class Gate:
         self._held_back = asyncio.Event()
         self._subscribed: set[bytes] = set()
         """beginnings of the types' names that somebody wants to hear; a client may subscribe what it likes, others are not kept"""
+        self._command = Command()
         self._in_flight: dict[bytes, int] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -240,6 +244,8 @@ class Gate:
         return who.role if who else "none"
 
     async def _carry_out(self, identity: bytes, number: bytes, message: Any, key: bytes) -> None:
+        if self._command.holder:
+            self._command.heard(self._name_of(key))
         try:
             if isinstance(message, Stop):
                 await self._answer(identity, number, await self._stop(message, self._name_of(key)))
@@ -255,6 +261,11 @@ class Gate:
                 if who is None or who.role != "developer":
                     await self._answer(identity, number, _no_code(message, who, key))
                     return
+            if isinstance(message, TakeCommand | ReturnCommand):
+                await self._answer(identity, number, self._hand_over(message, key))
+                return
+            if self._command.holder and self._role_of(key) != "engine":  # what programs move is settled by leases
+                self._command.check(self._name_of(key), message)
             if isinstance(message, codec.COMMANDS):
                 check_owner(message, self._name_of(key))
             if isinstance(message, codec.GUEST_CALLS):
@@ -296,7 +307,18 @@ class Gate:
 
     def _whose(self, key: bytes) -> ClientIdentity:
         who = self._keys.identity_of(key)
-        return ClientIdentity(name=who.name, role=who.role) if who else ClientIdentity(name="", role="none")
+        name, role = (who.name, who.role) if who else ("", "none")
+        return ClientIdentity(name=name, role=role, commander=self._command.holder)  # type: ignore[arg-type]
+
+    def _hand_over(self, message: TakeCommand | ReturnCommand, key: bytes) -> ClientIdentity:
+        """Raises RefusedError."""
+        name = self._name_of(key)
+        if isinstance(message, ReturnCommand):
+            self._command.give_back(name)
+            _log.info("%s has returned the command", name)
+        elif (before := self._command.take(name, take_over=message.take_over)) != name:
+            _log.info("%s has the command%s", name, f", taken over from {before}" if before else "")
+        return self._whose(key)
 
     async def _ask_supervisor(self, message: Any) -> bytes:
         """Its answer, packed."""

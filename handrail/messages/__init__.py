@@ -49,6 +49,7 @@ from handrail.messages.bundles import (
     RolledBack,
     SaveProgram,
 )
+from handrail.messages.command import ReturnCommand, TakeCommand
 from handrail.messages.daemon import (
     ClearStop,
     CommandGripper,
@@ -515,6 +516,7 @@ __all__ = [
     "RestartProcess",
     "ResumeAction",
     "ResumeRun",
+    "ReturnCommand",
     "ReturnLease",
     "RobotInfo",
     "RobotState",
@@ -561,6 +563,7 @@ __all__ = [
     "StreamPose",
     "SwitchControllers",
     "SwitchRelay",
+    "TakeCommand",
     "TakeLease",
     "TakeTransition",
     "TareSensor",
@@ -731,7 +734,7 @@ GuestCall = FetchCalls | EngineSays
 """what an engine on another machine asks the gate"""
 ServiceCall = GetProcesses | GetProcessLog | RestartProcess | StartRecording | StopRecording | Mark | ListRecordings
 """what the supervisor of the robot's service answers"""
-GateCall = GetIdentity | GetSamples
+GateCall = GetIdentity | GetSamples | TakeCommand | ReturnCommand
 """what the link answers itself"""
 LinkEvent = Mark
 """what the link tells on the robot's own side (topic `link.events`)"""

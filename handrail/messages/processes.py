@@ -89,6 +89,8 @@ class ClientIdentity(Message):
     name: str
     role: Literal["observer", "operator", "developer", "engine", "none"]
     """`none`: the key is not let in any more"""
+    commander: str = ""
+    """who has the command (TakeCommand): name of a key; empty: whoever is connected may command"""
 
 
 GetProcesses.Reply = Processes

@@ -85,6 +85,8 @@ class Pinged:
     """that this window's key has at the robot"""
     role: str = ""
     """and what it may; both empty where the robot did not say"""
+    commander: str = ""
+    """name of the key that has the command; empty: whoever is connected may command"""
 
 
 class Inbox:

@@ -37,6 +37,9 @@ from tablet_client.models.world import World
 
 _RUN_LEVELS: dict[str, Level] = {"succeeded": "good", "failed": "error", "stopped": "warning", "paused": "warning"}
 
+_EVERYBODYS = ("pause", "stop_run", "breakpoint")
+"""what may be done with a run whoever has the command"""
+
 
 class Situation:
     """The models, kept consistent with one another."""
@@ -59,6 +62,8 @@ class Situation:
         self.launch = Launch()
         self.deployments = Deployments()
         self.clouds = Clouds()
+        self.commander = ""
+        """name of the key that has the command; empty: whoever is connected may command"""
         self.signals = Signals()
         self.hands = Hands()
         self.move = Move()
@@ -91,11 +96,24 @@ class Situation:
         """Code of the reason why nothing may be commanded from here, whatever the robot does; empty where it may."""
         return "observer" if self.role == "observer" else "replaying" if self.replay.active else ""
 
+    @property
+    def others_command(self) -> str:
+        """Code of the reason why nothing may be moved from here: somebody else has the command. Empty where it may."""
+        return "others_command" if self.commander not in ("", self.name) else ""
+
+    def why_not_take_command(self) -> str:
+        """Code of the reason why the command can't be taken, or returned."""
+        if self.only_looks:
+            return self.only_looks
+        if not self.link.attached or not self.name:
+            return "no_robot"
+        return "sending" if self.pending & {"TakeCommand", "ReturnCommand"} else ""
+
     def why_not_answer(self, option: str) -> str:
         """Code of the reason why an option of the current prompt can't be chosen; empty when it can."""
         prompt = self.prompts.current
-        if self.only_looks:
-            return self.only_looks
+        if self.only_looks or self.others_command:
+            return self.only_looks or self.others_command
         if prompt is None or not self.link.attached or not self.link.engine:
             return "no_engine"
         if self.prompts.sent:
@@ -112,8 +130,8 @@ class Situation:
     def why_not_execute(self) -> str:
         """Code of the reason why the plan that is shown can't be executed; empty when it can."""
         plan = self.plans.shown
-        if self.only_looks:
-            return self.only_looks
+        if self.only_looks or self.others_command:
+            return self.only_looks or self.others_command
         if not self.link.attached or not self.link.engine:
             return "no_engine"
         if plan is None:
@@ -136,8 +154,8 @@ class Situation:
 
     def _why_not_move(self) -> str:
         status = self.robot.status
-        if self.only_looks:
-            return self.only_looks
+        if self.only_looks or self.others_command:
+            return self.only_looks or self.others_command
         if status is None:
             return "no_robot"
         return "stopped" if status.stopped else "" if status.enabled else "not_enabled"
@@ -148,6 +166,8 @@ class Situation:
             return self.only_looks
         if not self.link.attached:
             return "no_robot"
+        if self.others_command and command not in _EVERYBODYS:
+            return self.others_command
         if command == "enable":
             return self.robot.why_not_enable()
         if command == "clear_stop":
@@ -184,6 +204,14 @@ class Situation:
         if item.role and (item.name, item.role) != (self.name, self.role):
             self.name, self.role = item.name, item.role
             self.note("info", "role", item.name, item.role)
+        if item.role:
+            self._commands(item.commander)
+
+    def _commands(self, commander: str) -> None:
+        """Somebody has the command; empty: nobody."""
+        if commander != self.commander:
+            self.commander = commander
+            self.note("info", "commander" if commander else "no_commander", commander)
 
     def _attached(self, item: arrivals.Attached) -> None:
         if self.robot.info is not None and self.robot.info.name != item.info.name:
@@ -226,6 +254,8 @@ class Situation:
         elif isinstance(item.answer, messages.SavedTemplate):
             self.note("good", "template_saved", item.answer.name, item.answer.file)
             self.bench.saved = ("saved", item.answer.file)
+        elif isinstance(item.answer, messages.ClientIdentity):
+            self._commands(item.answer.commander)
         elif isinstance(item.answer, messages.TemplateSource):
             self.templates.take(item.answer)
         elif isinstance(item.answer, messages.Reach):

@@ -80,10 +80,34 @@ Panel {
 
             Caption { text: qsTr("Who commands") }
             Line {
+                objectName: "commander"
+                color: panel.view.commandIsMine ? Theme.good : panel.view.commander ? Theme.warning : Theme.muted
+                text: panel.view.commandIsMine ? qsTr("You have the command, as %1: nobody else moves the robot.").arg(panel.view.commander)
+                    : panel.view.commander ? qsTr("%1 has the command. STOP and Pause work here, too.").arg(panel.view.commander)
+                    : qsTr("Whoever is connected may command.")
+            }
+            ActionButton {
+                id: command
+                property bool sure: false // that it is taken from somebody
+                readonly property bool taken: panel.view.commander !== "" && !panel.view.commandIsMine
+                objectName: "takeCommand"
+                Layout.fillWidth: true
+                tone: sure && taken ? "danger" : "plain"
+                text: panel.view.commandIsMine ? qsTr("Return the command")
+                    : !taken ? qsTr("Take the command") : sure ? qsTr("Really take it over") : qsTr("Take over from %1").arg(panel.view.commander)
+                why: Words.why(panel.view.commandWhy)
+                onClicked: {
+                    if (panel.view.commandIsMine) desk.returnCommand()
+                    else if (!taken || sure) desk.takeCommand(taken)
+                    sure = taken && !sure
+                }
+                Timer { running: command.sure; interval: 3000; onTriggered: command.sure = false }
+            }
+            Line {
                 objectName: "nobodyCommands"
                 visible: panel.view.commands.length === 0
                 color: Theme.muted
-                text: qsTr("Nobody has taken a part of the robot: whoever is connected may command it.")
+                text: qsTr("No program or script has taken a part of the robot.")
             }
             Repeater {
                 model: panel.view.commands
@@ -101,6 +125,7 @@ Panel {
 
             Caption { text: qsTr("If the link were lost now") }
             Line { objectName: "ifLost"; text: Words.ifLost(panel.view.ifLost) }
+            Line { visible: panel.view.commandIsMine; color: Theme.muted; text: qsTr("Ten seconds later the command would be free again.") }
 
             Caption { text: qsTr("This window") }
             ActionButton {

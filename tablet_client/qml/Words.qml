@@ -95,6 +95,7 @@ QtObject {
             unbound: qsTr("say what with"),
             nothing_fits: qsTr("place what it needs first"),
             bad_parameter: qsTr("a parameter is out of bounds"),
+            others_command: qsTr("somebody else commands"),
             sending: qsTr("sending …"),
             builtin: qsTr("comes with Handrail"),
             nothing_changed: qsTr("nothing changed"),
@@ -354,6 +355,8 @@ QtObject {
         case "stop_answered": return qsTr("STOP confirmed by the robot")
         case "stop_failed": return qsTr("STOP not confirmed: %1").arg(x)
         case "role": return qsTr("The robot knows this window as %1: %2").arg(x).arg(Words.role(y))
+        case "commander": return qsTr("%1 has the command").arg(x)
+        case "no_commander": return qsTr("Whoever is connected may command")
         case "left": return qsTr("%1 stays: %2").arg(x).arg(y)
         case "overwrote": return qsTr("%1: your value replaced a newer one by %2").arg(x).arg(y)
         case "template_saved": return qsTr("Saved as the template %1, in %2").arg(Words.name(x)).arg(y)

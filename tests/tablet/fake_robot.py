@@ -79,6 +79,7 @@ from handrail.messages import (
     Release,
     ReleaseInstance,
     Releases,
+    ReturnCommand,
     RobotInfo,
     RobotState,
     RollBack,
@@ -94,6 +95,7 @@ from handrail.messages import (
     StateVisit,
     Stop,
     StopRecording,
+    TakeCommand,
     UndoEdit,
     WaypointReach,
 )
@@ -113,6 +115,7 @@ class FakeRobot:
         self.calls: list[Any] = []
         self.reachable = True
         self.role: Any = "operator"
+        self.commander = ""
         self.traffic = {"RobotState": 0, "": 0}
         self.processes: list[ProcessUse] = []
         self.recordings: list[RecordingInfo] = []
@@ -403,7 +406,9 @@ class FakeRobot:
             GetStatus: self.status,
             ListRecordings: lambda: Recordings(recordings=self.recordings, running=self.recording, free_mb=40e3),
             GetSamples: lambda: self.samples(call),
-            GetIdentity: lambda: ClientIdentity(name="ada", role=self.role),
+            GetIdentity: lambda: ClientIdentity(name="ada", role=self.role, commander=self.commander),
+            TakeCommand: lambda: self.commands("ada"),
+            ReturnCommand: lambda: self.commands(""),
             GetProcesses: lambda: Processes(processes=self.processes),
             GetProcessLog: lambda: ProcessLog(
                 process=call.process, lines=[SaidLine(2.0, f"{call.process} ready"), SaidLine(1.0, "all is well")]
@@ -441,6 +446,10 @@ class FakeRobot:
             GetRunHistory: lambda: RunHistory(run=self.run.run if self.run else "", visits=self.visits),
         }
         return answers[type(call)]() if type(call) in answers else None
+
+    def commands(self, name: str) -> ClientIdentity:
+        self.commander = name
+        return ClientIdentity(name="ada", role=self.role, commander=name)
 
     def calls_of(self, kind: type) -> list[Any]:
         return [call for call in self.calls if isinstance(call, kind)]

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from engines.planning.measures import CLEARANCE, LIMIT_MARGIN, RESIDUAL, TILT, TORQUE_SHARE, Measure, joined
 from handrail.messages import (
+    ContactEnd,
     EndCondition,
+    ForceEnd,
     FrameKnots,
     JointTrajectory,
     PathForce,
@@ -28,6 +30,7 @@ from handrail.messages import (
 
 Array = NDArray[np.float64]
 
+_FELT = (ForceEnd, ContactEnd)
 GHOST_TOLERANCE = 0.005
 """rad between the motion and straight lines through the knots that clients get"""
 
@@ -231,7 +234,16 @@ def _waypoint(segment: Segment, start: float, name: str, begin: float, end: floa
         clearance=worst(CLEARANCE),
         limit_margin=worst(LIMIT_MARGIN),
         torque_share=worst(TORQUE_SHARE),
+        force_limit=_force_limit(segment),
     )
+
+
+def _force_limit(segment: Segment) -> float | None:
+    """N, that a segment presses with at most, by what ends it or by what it applies; None: neither is said."""
+    ends = [end.limit if isinstance(end, ForceEnd) else end.threshold for end in segment.ends if isinstance(end, _FELT)]
+    applied = [segment.path_force.limit] if segment.path_force is not None else []
+    found = [*([min(ends)] if ends else []), *applied]
+    return max(found) if found else None
 
 
 def _thinned(segment: Segment) -> PlanSegment:

@@ -48,6 +48,8 @@ class PlanWaypoint(msgspec.Struct, kw_only=True):
     """rad, and which joint is so near its limit"""
     torque_share: PlanWorst | None = None
     """of its limit, by inverse dynamics with the expected contact force, and which joint works so hard"""
+    force_limit: float | None = None
+    """N, the most that it presses with on the way there, or at which it ends; None: nothing is to be touched"""
 
 
 class PlanGave(msgspec.Struct, kw_only=True):

@@ -86,6 +86,11 @@ def figures(plan: PlanPreview) -> list[Figure]:
             found.append(Figure(measure.code, measure.text(value), measure.level(value), waypoint_name, about, at))
         elif (whole := getattr(plan, measure.code, None)) is not None:  # a plan that says no more of itself
             found.append(Figure(measure.code, measure.text(whole), measure.level(whole), "", "", -1.0))
+    pressing = [waypoint for waypoint in plan.waypoints if waypoint.force_limit is not None]
+    if pressing:
+        most = max(pressing, key=lambda waypoint: waypoint.force_limit or 0.0)
+        text = in_unit("n", most.force_limit or 0.0)
+        found.append(Figure("force_limit", text, "good", most.name, "", most.time))
     return found
 
 

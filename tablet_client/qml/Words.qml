@@ -131,7 +131,7 @@ QtObject {
     function figure(code) {
         return ({
             clearance: qsTr("Clearance"), residual: qsTr("Off its goal"), limit_margin: qsTr("Limit margin"),
-            torque_share: qsTr("Torque"),
+            torque_share: qsTr("Torque"), force_limit: qsTr("Force limit"),
         })[code] || Words.name(code)
     }
 

@@ -59,6 +59,8 @@ def test_margins_and_torques_name_the_joint_that_has_them(turning, description, 
     still = plan.measures[TORQUE_SHARE]
     first = kinematics.gravity(whole(plan, plan.start[None])[0])[rows] / description.torque_limit[rows]
     assert still.values[0] == pytest.approx(np.abs(first).max(), abs=0.02), "at rest it is gravity that is held"
+    limits = {waypoint.name: waypoint.force_limit for waypoint in plan.waypoints if waypoint.force_limit is not None}
+    assert limits == {"turn": 60.0}, "as the template says"
     pushing = next(waypoint for waypoint in plan.waypoints if waypoint.name == "turn").torque_share
     free = next(waypoint for waypoint in plan.waypoints if waypoint.name == "withdraw").torque_share
     assert free.value < pushing.value < 1.0, "turning has the wheel's resistance to hold as well"

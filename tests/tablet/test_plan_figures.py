@@ -42,6 +42,13 @@ def test_each_figure_is_the_worst_waypoints_with_its_time_and_what_it_is_about(p
     }
 
 
+def test_the_most_that_it_presses_with_is_told_where_something_is_to_be_touched(robot):
+    ways = [PlanWaypoint(name="reach", time=1.0), PlanWaypoint(name="turn", time=3.0, force_limit=60.0)]
+    ways.append(PlanWaypoint(name="press", time=4.0, force_limit=25.0))
+    (force,) = (figure for figure in figures(robot.plan(waypoints=ways)) if figure.code == "force_limit")
+    assert (force.text, force.where, force.at, force.decides) == ("60 N", "turn", 3.0, True)
+
+
 def test_a_way_stands_as_its_worst_measure_does(plan):
     assert [level_of(plan, name) for name in ("approach", "turn", "elsewhere")] == ["danger", "danger", "good"]
 

@@ -46,6 +46,7 @@ from handrail.messages import (
     PlanMotion,
     PlanPreview,
     PointCloud,
+    PortValue,
     Prompt,
     PromptClosed,
     Reach,
@@ -74,6 +75,7 @@ EVENTS = (
     DeviceStates,
     EngineInfo,
     CodeChanged,
+    PortValue,
 )
 
 _LONG = (MakePlan, PlanMotion, CheckTask, ListRecordings, GetSamples)

@@ -16,6 +16,8 @@ from tablet_client.models.situation import Situation
 _MAP: Any = "QVariantMap"  # PySide takes the names of Qt's types; its stubs do not
 _LEAST_RANGE = {"°": 0.2, "°/s": 1.0, "N·m": 1.0, "N": 2.0}
 """unit → the smallest height of a plot: what trembles less looks still"""
+_LEAST = 0.1
+"""of other units"""
 
 
 class SignalsDesk(QObject):
@@ -39,7 +41,7 @@ class SignalsDesk(QObject):
     @Slot(bool)
     def watch(self, on: bool) -> None:
         """Somebody looks, or no more."""
-        self._watched = on
+        self._watched = self._signals.watched = on
         self.build()
 
     @Slot(str)
@@ -70,6 +72,7 @@ class SignalsDesk(QObject):
             "span": SPAN_S,
             "joints": list(self._signals.joints),
             "quantities": list(QUANTITIES),
+            "ports": self._ports(),
             "chosen": list(self._signals.chosen),
             "shown": [_shown(curve) for curve in self._curves.values()] if self._watched else [],
             "said": self._said,
@@ -79,6 +82,14 @@ class SignalsDesk(QObject):
             self.changed.emit()
         if self._watched:
             self.drawn.emit()
+
+    def _ports(self) -> dict[str, list[str]]:
+        """Node, as `node:NAME` → the ports of it that can be plotted."""
+        found: dict[str, list[str]] = {}
+        for name in self._signals.ports:
+            node, _, port = name.rpartition(".")
+            found.setdefault(node, []).append(port)
+        return found
 
     def _say(self, code: str, text: str = "") -> None:
         self._said = {"code": code, "text": text}
@@ -101,7 +112,7 @@ def bounds(curve: Curve) -> tuple[float, float]:
     """Lowest and highest value of a plot, in the curve's unit: its own, with a little room, and never too close together."""
     known = curve.values[np.isfinite(curve.values)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-    lacking = max(_LEAST_RANGE[curve.unit] - (high - low), 0.1 * (high - low))
+    lacking = max(_LEAST_RANGE.get(curve.unit, _LEAST) - (high - low), 0.1 * (high - low))
     return low - lacking / 2, high + lacking / 2
 
 

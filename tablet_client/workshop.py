@@ -59,7 +59,10 @@ class Workshop(QObject):
 
     def want(self, now: float) -> Iterator[Message]:
         """The calls that are due, at a time in s that only rises."""
-        watched = self._output.watched or self._situation.code.watched or self._situation.wiring.watched
+        situation = self._situation
+        watched = (
+            self._output.watched or situation.code.watched or situation.wiring.watched or situation.signals.watched
+        )
         if watched and now - self._nodes_asked >= _NODES_S:
             self._nodes_asked = now
             yield GetNodes()
@@ -67,6 +70,7 @@ class Workshop(QObject):
         yield from self._situation.code.want()
         yield from self._situation.wiring.want()
         yield from self._situation.node_parameters.want()
+        yield from self._situation.signals.want(now)
 
     def build(self) -> None:
         """Look at the models anew."""

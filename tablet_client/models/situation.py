@@ -266,6 +266,7 @@ class Situation:
             for node in item.answer.nodes:
                 self.output.hear_of(f"{FIRST}/{node.name}")
             self.code.running = item.answer.nodes
+            self.signals.hear(item.answer.nodes)
         self.launch.take(item.call, item.answer)
         self.code.take(item.call, item.answer)
         self.wiring.take(item.call, item.answer)
@@ -432,4 +433,5 @@ _HANDLERS: dict[type, Callable[[Situation, Any], None]] = {
     messages.DeviceStates: Situation._devices,
     messages.EngineInfo: Situation._engine_info,
     messages.CodeChanged: Situation._code_changed,
+    messages.PortValue: lambda situation, told: situation.signals.take_port(told),
 }

@@ -160,14 +160,15 @@ Panel {
             clip: true
             spacing: Math.round(4 * Theme.scale)
             boundsBehavior: Flickable.StopAtBounds
-            model: panel.choosing ? ["force"].concat(panel.view.joints) : []
+            model: panel.choosing ? ["force"].concat(Object.keys(panel.view.ports), panel.view.joints) : []
             Accessible.role: Accessible.List
-            Accessible.name: qsTr("Joints")
+            Accessible.name: qsTr("Joints, and nodes that run")
             ScrollBar.vertical: ScrollBar { policy: ScrollBar.AsNeeded; width: Math.round(6 * Theme.scale) }
             delegate: Column {
                 id: entry
                 required property string modelData
                 readonly property bool open: panel.joint === modelData
+                readonly property bool node: modelData.startsWith("node:")
                 readonly property int count: panel.view.chosen.filter(name => name.startsWith(modelData + ".")).length
                 width: joints.width - Theme.gap
                 spacing: Math.round(4 * Theme.scale)
@@ -175,7 +176,7 @@ Panel {
                     objectName: "signalsOf_" + entry.modelData
                     width: parent.width
                     checked: entry.open
-                    text: (entry.modelData === "force" ? qsTr("Force at the tool") : entry.modelData)
+                    text: (entry.modelData === "force" ? qsTr("Force at the tool") : entry.node ? qsTr("Node %1").arg(entry.modelData.slice(5)) : entry.modelData)
                           + (entry.count ? "  ·  " + entry.count : "")
                     onClicked: panel.joint = entry.open ? "" : entry.modelData
                 }
@@ -184,14 +185,14 @@ Panel {
                     width: parent.width
                     spacing: Math.round(4 * Theme.scale)
                     Repeater {
-                        model: entry.open ? (entry.modelData === "force" ? ["x", "y", "z"] : panel.view.quantities) : []
+                        model: entry.open ? (entry.modelData === "force" ? ["x", "y", "z"] : entry.node ? panel.view.ports[entry.modelData] || [] : panel.view.quantities) : []
                         ActionButton {
                             required property string modelData
                             readonly property string name: entry.modelData + "." + modelData
                             readonly property bool on: panel.view.chosen.indexOf(name) >= 0
                             objectName: "signal_" + name
                             tone: on ? "primary" : "plain"
-                            text: Words.quantity(modelData)
+                            text: entry.node ? modelData : Words.quantity(modelData)
                             Accessible.checkable: true
                             Accessible.checked: on
                             onClicked: desk.signals.choose(name)

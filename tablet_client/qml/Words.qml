@@ -323,6 +323,7 @@ QtObject {
 
     function signalName(id) {
         const at = id.lastIndexOf("."), owner = id.slice(0, at), what = id.slice(at + 1)
+        if (id.startsWith("node:")) return qsTr("Node %1, %2").arg(owner.slice(5)).arg(what)
         return owner === "force" ? qsTr("Force at the tool, %1").arg(what)
                                  : qsTr("%1, %2").arg(owner).arg(Words.quantity(what).toLowerCase())
     }

@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 
-from handrail.messages import RobotState
+from handrail.messages import NodePort, Nodes, NodeState, PortValue, RobotState, WatchPort
 from tablet_client.models.signals import MOST_CHOSEN, SPAN_S, Signals
 
 JOINTS = ("elbow", "wrist")
@@ -109,3 +109,61 @@ def test_before_anything_came_there_is_nothing_to_show(signals):
     signals.choose("elbow.position")
     assert len(signals.curves()[0].values) == 0
     assert signals.csv() == "time [s],elbow.position [°]\n"
+
+
+SMOOTH = NodeState(
+    name="smooth", node="low_pass", state="up", process=1, restarts=0, cpu_share=0.0, memory_mb=1.0, every=None,
+    ports=[
+        NodePort(name="force", way="output", kind="number", unit="N"),
+        NodePort(name="wrench", way="input", kind="wrench"),
+        NodePort(name="cutoff", way="parameter", kind="number", unit="Hz"),
+    ],
+)  # fmt: skip
+
+
+def test_a_nodes_port_is_plotted_from_when_it_is_chosen_and_asked_for_as_long_as_it_is_shown(signals):
+    signals.hear([SMOOTH])
+    assert signals.ports == ("node:smooth.force", "node:smooth.cutoff"), "numbers only"
+    signals.take(state(1.0, 0.0))
+    signals.take_port(PortValue(name="smooth", port="force", data={"value": 1.0}))
+    assert signals.choose("node:smooth.force") == ""
+    (call,) = signals.want(0.0)
+    assert (type(call), call.name, call.port) == (WatchPort, "smooth", "force")
+    assert list(signals.want(1.0)) == []
+    for k in range(4):
+        signals.take(state(2.0 + 0.1 * k, 0.0))
+        if k % 2:
+            signals.take_port(PortValue(name="smooth", port="force", data={"value": 10.0 * k}))
+    signals.take_port(PortValue(name="smooth", port="wrench", data={"value": [1.0]}))
+    (curve,) = signals.curves()
+    assert curve.unit == "N" and curve.values.tolist() == [10.0, 30.0]
+    assert curve.times == pytest.approx([-0.2, 0.0])
+    rows = list(csv.reader(io.StringIO(signals.csv())))
+    assert rows[0] == ["time [s]", "node:smooth.force [N]"]
+    assert [row[1] for row in rows[1:]] == ["", "", "10", "10", "30"]
+    assert len(list(signals.want(5.0))) == 1
+    signals.pause(True)
+    signals.take(state(3.0, 0.0))
+    signals.take_port(PortValue(name="smooth", port="force", data={"value": 99.0}))
+    assert signals.curves()[0].values.tolist() == [10.0, 30.0], "held"
+    signals.pause(False)
+    assert signals.curves()[0].values.tolist() == [10.0, 30.0, 99.0]
+    signals.choose("node:smooth.force")
+    assert list(signals.want(50.0)) == [] and signals.curves() == []
+
+
+@pytest.mark.window
+def test_in_the_window_a_nodes_port_is_chosen_and_drawn(robot, show):
+    robot.nodes = Nodes(nodes=[SMOOTH])
+    shown = show()
+    robot.publish(robot.state())
+    shown.press("tab_signals")
+    shown.press("chooseSignals")
+    shown.until(lambda: shown.there("signalsOf_node:smooth"))
+    shown.press("signalsOf_node:smooth")
+    shown.press("signal_node:smooth.force")
+    shown.press("chooseSignals")
+    shown.until(lambda: robot.calls_of(WatchPort))
+    robot.publish(PortValue(name="smooth", port="force", data={"value": 12.5}, count=1))
+    shown.until(lambda: shown.item("signalNow_0").property("text").startswith("12.5"))
+    assert shown.words("Words.signalName('node:smooth.force')") == "Node smooth, force"

@@ -15,11 +15,14 @@ from handrail.topics import refuse
 
 Quaternion = tuple[float, float, float, float]
 
+_FAR = 1000.0
+"""m, beyond which a place is a slip of the keyboard"""
+
 
 def edit(instance: Instance, asked: EditInstance) -> dict[str, fields.Value]:
     """field → value that an edit gives it."""
     if asked.position is not None:
-        _finite(asked.position, "position")
+        _near(asked.position, "position")
     if asked.orientation is not None:
         asked = msgspec.structs.replace(asked, orientation=unit(asked.orientation, "orientation"))
     parameters(instance.template, asked.parameters)
@@ -34,6 +37,7 @@ def pose(given: Pose) -> Pose:
     """Finite, with a unit quaternion (one that is off by rounding is normalised)."""
     if not all(map(math.isfinite, (*given.position, *given.orientation))):
         raise refuse("the pose is not finite", "pose_in_world", given, "finite numbers")
+    _near(given.position, "pose_in_world.position")
     return Pose(position=given.position, orientation=unit(given.orientation, "pose_in_world.orientation"))
 
 
@@ -82,6 +86,12 @@ def shape(instance: Instance) -> str:
     except ValueError as problem:
         return str(problem)
     return ""
+
+
+def _near(position: tuple[float, ...], field: str) -> None:
+    _finite(position, field)
+    if max(map(abs, position)) > _FAR:
+        raise refuse("no robot reaches there", field, position, f"within {_FAR:g} m of the world's origin")
 
 
 def _finite(numbers: tuple[float, ...], field: str) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from affordance_templates import authoring_cli, catalogue, running_cli, template_file
 from affordance_templates.template import ResolvedTemplate, ResolvedTrajectory
@@ -74,7 +75,7 @@ def list_() -> None:
             template = template_file.read(file)
             table.add_row(name, template.title, ", ".join(template.trajectories))
         except ConfigError as problem:
-            table.add_row(name, f"[red]{problem}[/red]", "")
+            table.add_row(name, Text(str(problem), "red"), "")
     _out.print(table)
 
 
@@ -89,7 +90,14 @@ def check(names: Annotated[list[str], typer.Argument(help="Templates of the libr
             _out.print(f"{name}: sound, with defaults and at {count} bounds of its parameters", highlight=False)
         except ValueError as problem:
             wrong = True
-            _out.print(f"[red]{name}: {problem}[/red]", highlight=False)
+            told = str(problem)
+            _out.print(
+                told if told.startswith(name) else f"{name}: {told}",
+                style="red",
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
     sys.exit(wrong)
 
 

@@ -34,7 +34,9 @@ def reach(
     """Which waypoints an arm can reach, near which limit, or which constraint fails. Exits 1 when one is not reached."""
     with the_robot(connect_to, keys) as robot:
         if not watch:
-            found = robot.reach(instance, trajectory, arm, clearance=clearance)
+            # The first one that is settled: what it would be from where it was, is no answer to whoever asks once.
+            about = robot.watch_reach(instance, trajectory, arm, clearance=clearance)
+            found = next(each for each in about if each.settled or each.problem)
             if found.problem:
                 fail(found.problem)
             _show(found)

@@ -102,7 +102,12 @@ class AffordanceServer(Undoing):
             try:
                 template = self._find(request.template)
             except ConfigError as problem:
-                raise refuse("the template can't be used", "template", request.template, str(problem)) from problem
+                raise refuse(
+                    f"the template can't be used: {problem.problem}",
+                    "template",
+                    request.template,
+                    "a template that is sound",
+                ) from problem
             instance = Instance(
                 name=request.name,
                 template=template,

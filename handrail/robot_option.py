@@ -27,8 +27,10 @@ def the_robot(address: str, keys: Path | None) -> Iterator[Client]:
             return
     except RefusedError as refused:
         fail(str(refused))
-    except (Unreachable, KeysError, ValueError) as problem:
+    except (Unreachable, KeysError) as problem:
         fail(str(problem) if str(problem).startswith(address) else f"{address}: {problem}")
+    except ValueError as problem:  # of what was typed, which says so itself
+        fail(str(problem))
 
 
 def fail(text: str) -> None:

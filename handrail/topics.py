@@ -26,7 +26,9 @@ class RefusedError(Exception):
         self.refusal = refusal
         parts = [refusal.message]
         if refusal.field:
-            parts.append(f"field {refusal.field}, value {refusal.value}, expected {refusal.expected}")
+            told = f"field {refusal.field}, value {refusal.value or 'none'}"
+            said = not refusal.expected or f"expected {refusal.expected}" in refusal.message
+            parts.append(told if said else f"{told}, expected {refusal.expected}")
         super().__init__("; ".join(parts))
 
 

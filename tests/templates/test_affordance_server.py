@@ -65,6 +65,8 @@ def test_edits_keep_what_they_do_not_change(server):
             "parameters.radius",
         ),
         (PlaceInstance(name="v", template="wheel", pose_in_world=Pose(position=(float("inf"), 0, 0))), "pose_in_world"),
+        (PlaceInstance(name="v", template="wheel", pose_in_world=Pose(position=(1e9, 0, 0))), "pose_in_world.position"),
+        (MoveInstance(name="w", pose_in_world=Pose(position=(0, -2e3, 0))), "pose_in_world.position"),
         (MoveInstance(name="w", pose_in_world=Pose(orientation=(0, 0, 0, 2))), "pose_in_world.orientation"),
         (MoveInstance(name="v", pose_in_world=POSE), "name"),
         (SetParameters(name="w", parameters={"radius": 0.2, "spokes": 2.5}), "parameters.spokes"),

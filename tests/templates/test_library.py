@@ -112,6 +112,15 @@ def test_check_fails_for_a_file_that_resolves_only_at_some_bounds(tmp_path):
     assert "box: sound" in checked.output and "with depth 0:" in checked.output
 
 
+def test_what_is_wrong_is_said_whole_and_its_file_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "odd.yaml").write_text("title: Odd\nobjects: {bar: {shapes: [{kind: box, size: [1, 1]}]}}\n")
+    checked = run("check", "odd.yaml")
+    assert checked.exit_code == 1 and checked.output.count("odd.yaml") == 1
+    assert "objects.bar.shapes[0].size" in checked.output, "brackets are no colours"
+    assert run("check", "nothing").output.startswith("nothing: template: no such template; expected one of box")
+
+
 def test_a_picture_shows_the_object_and_the_hand(tmp_path):
     file = tmp_path / "box.png"
     assert run("render", "box", "--png", str(file)).exit_code == 0

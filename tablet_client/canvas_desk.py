@@ -11,6 +11,7 @@ from PySide6.QtGui import QColor, QFont, QPainter, QPainterPath, QPen, QPolygonF
 from PySide6.QtQuick import QQuickItem, QQuickPaintedItem
 
 from tablet_client.code_desk import CodeDesk
+from tablet_client.drawing_desk import DrawingDesk
 from tablet_client.models.canvas.canvas import TEXTS, WAY
 from tablet_client.models.canvas.chart import State
 from tablet_client.models.canvas.picture import Curve
@@ -23,16 +24,13 @@ _NEAR = 14.0
 """px about a line's words that a finger may miss them by"""
 
 
-class CanvasDesk(QObject):
-    """What QML reads of the picture, and calls. The document is the code page's, and is saved there."""
-
-    changed = Signal()
-    drawn = Signal()
+class CanvasDesk(DrawingDesk):
+    """What QML reads of a program's picture, and calls."""
 
     def __init__(self, situation: Situation, code: CodeDesk, soon: Callable[[], None]):
         """`soon` has the models looked at anew."""
-        super().__init__()
-        self._situation, self._canvas, self._code, self._soon = situation, situation.canvas, code, soon
+        super().__init__(situation.canvas, code, soon)
+        self._situation, self._canvas = situation, situation.canvas
         self._boxes = Rows(
             (
                 "name",
@@ -50,13 +48,8 @@ class CanvasDesk(QObject):
             ),
             "name",
         )
-        self._view: dict[str, Any] = {}
         self._seen: tuple[Any, ...] = ()
         self.build()
-
-    @Property(_MAP, notify=changed)
-    def view(self) -> dict[str, Any]:
-        return self._view
 
     @Property(QObject, constant=True)
     def boxes(self) -> Rows:
@@ -114,11 +107,6 @@ class CanvasDesk(QObject):
         self._canvas.select(self._canvas.selected, place)
         self._now()
 
-    @Slot(int)
-    def beside(self, step: int) -> None:
-        self._canvas.beside(step)
-        self._now()
-
     @Slot(bool)
     def joining(self, on: bool) -> None:
         """The next state that is touched is where a new way leads."""
@@ -131,11 +119,6 @@ class CanvasDesk(QObject):
         self._now()
 
     @Slot(str)
-    def rename(self, to: str) -> None:
-        self._canvas.rename(to.strip())
-        self._now()
-
-    @Slot(str)
     def nest(self, into: str) -> None:
         self._canvas.nest(into.strip())
         self._now()
@@ -145,35 +128,10 @@ class CanvasDesk(QObject):
         self._canvas.move(within)
         self._now()
 
-    @Slot()
-    def remove(self) -> None:
-        self._canvas.remove()
-        self._now()
-
-    @Slot(str, str)
-    def put(self, field: str, typed: str) -> None:
-        self._canvas.put(field, typed)
-        self._now()
-
     @Slot(str, bool)
     def mark(self, field: str, on: bool) -> None:
         self._canvas.mark(field, on)
         self._now()
-
-    @Slot()
-    def undo(self) -> None:
-        self._canvas.undo()
-        self._now()
-
-    @Slot()
-    def redo(self) -> None:
-        self._canvas.redo()
-        self._now()
-
-    def _now(self) -> None:
-        self._code.refresh()
-        self.build()
-        self._soon()
 
     # --------------------------------------------------------------------------------------------------------- looking
 
@@ -212,25 +170,15 @@ class CanvasDesk(QObject):
             self.drawn.emit()
         state = canvas.state
         view = {
-            "there": picture is not None,
+            **self._common(),
             "start": self._start(),
-            "width": picture.width if picture else 0.0,
-            "height": picture.height if picture else 0.0,
-            "problem": canvas.problem,
-            "said": canvas.said,
-            "whyEdit": canvas.why_not_edit(),
-            "undo": canvas.can_undo,
-            "redo": canvas.can_redo,
-            "joining": canvas.joining,
             "running": bool(active),
             "state": self._state(state) if state is not None else {},
             "way": canvas.way,
             "programs": self._programs(),
             "others": [name for name in chart.states if name != canvas.selected] if chart else [],
         }
-        if view != self._view:
-            self._view = view
-            self.changed.emit()
+        self._show(view)
 
     def _programs(self) -> list[str]:
         """Those of the engine whose code is shown, and those that only this window knows yet."""

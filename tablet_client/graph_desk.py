@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from PySide6.QtCore import Property, QObject, Signal, Slot
+from PySide6.QtCore import Property, QObject, Slot
 
 from handrail.messages import NodePort, NodeState
 from tablet_client.code_desk import CodeDesk
+from tablet_client.drawing_desk import DrawingDesk
 from tablet_client.models.canvas.graph import IN, OUT
 from tablet_client.models.canvas.picture import Curve
 from tablet_client.models.canvas.wiring import NEW, NOTHING
@@ -24,16 +25,13 @@ _ROOM = 10  # characters
 _OUTPUT = ("name", "about", "own", "goes", "selected")
 
 
-class GraphDesk(QObject):
-    """What QML reads of the picture, and calls. The document is the code page's, and is saved there."""
-
-    changed = Signal()
-    drawn = Signal()
+class GraphDesk(DrawingDesk):
+    """What QML reads of a composite node's picture, and calls."""
 
     def __init__(self, situation: Situation, code: CodeDesk, soon: Callable[[], None]):
         """`soon` has the models looked at anew."""
-        super().__init__()
-        self._situation, self._wiring, self._code, self._soon = situation, situation.wiring, code, soon
+        super().__init__(situation.wiring, code, soon)
+        self._situation, self._wiring = situation, situation.wiring
         self._lists = {
             "boxes": Rows(_BOX, "name"),
             "sockets": Rows(_SOCKET, "key"),
@@ -42,7 +40,6 @@ class GraphDesk(QObject):
             "inputs": Rows(_INPUT, "name"),
             "outputs": Rows(_OUTPUT, "name"),
         }
-        self._view: dict[str, Any] = {}
         self._drawn: object = None
         self.build()
 
@@ -59,12 +56,8 @@ class GraphDesk(QObject):
     """the selected part's, or those that come from outside"""
     outputs = Property(QObject, _list("outputs"), constant=True)
 
-    @Property(_MAP, notify=changed)
-    def view(self) -> dict[str, Any]:
-        return self._view
-
     def curves(self) -> list[tuple[Curve, bool]]:
-        """Each wire, and whether it leads to or from what is selected."""
+        """Each wire, and whether it leads to or from the port that is selected."""
         picture, box, port = self._wiring.picture, self._wiring.selected, self._wiring.port
         if picture is None:
             return []
@@ -100,11 +93,6 @@ class GraphDesk(QObject):
         self._wiring.join(box, port, out, (x, y))
         self._now()
 
-    @Slot(int)
-    def beside(self, step: int) -> None:
-        self._wiring.beside(step)
-        self._now()
-
     @Slot(bool)
     def joining(self, on: bool) -> None:
         """The next port or box that is touched is where a new wire leads."""
@@ -121,16 +109,6 @@ class GraphDesk(QObject):
     @Slot(str)
     def add(self, node: str) -> None:
         self._wiring.add(node)
-        self._now()
-
-    @Slot(str)
-    def rename(self, to: str) -> None:
-        self._wiring.rename(to.strip())
-        self._now()
-
-    @Slot()
-    def remove(self) -> None:
-        self._wiring.remove()
         self._now()
 
     @Slot(str, str)
@@ -170,26 +148,6 @@ class GraphDesk(QObject):
         self._wiring.outside(parameter, on)
         self._now()
 
-    @Slot(str, str)
-    def put(self, field: str, typed: str) -> None:
-        self._wiring.put(field, typed)
-        self._now()
-
-    @Slot()
-    def undo(self) -> None:
-        self._wiring.undo()
-        self._now()
-
-    @Slot()
-    def redo(self) -> None:
-        self._wiring.redo()
-        self._now()
-
-    def _now(self) -> None:
-        self._code.refresh()
-        self.build()
-        self._soon()
-
     # --------------------------------------------------------------------------------------------------------- looking
 
     def build(self) -> None:
@@ -210,38 +168,27 @@ class GraphDesk(QObject):
         )
         self._lists["inputs"].show(self._inputs())
         self._lists["outputs"].show(self._outputs())
-        view = self._build_view(running is not None)
-        if view != self._view:
-            self._view = view
-            self.changed.emit()
+        self._show(self._build_view(running is not None))
 
     def _build_view(self, running: bool) -> dict[str, Any]:
         wiring, picture, graph, part = self._wiring, self._wiring.picture, self._wiring.graph, self._wiring.part
         code = self._situation.code
-        title, problem = wiring.about(part.node) if part is not None else ("", "")
+        node, known = part.node if part is not None else "", wiring.known
         files = {each.name: each.file for each in code.nodes}
         return {
-            "there": picture is not None,
+            **self._common(),
             "parts": len(graph.parts) if graph is not None else 0,
             "start": {"x": 0.0, "y": picture.height / 2 if picture else 0.0},
-            "width": picture.width if picture else 0.0,
-            "height": picture.height if picture else 0.0,
-            "problem": wiring.problem,
-            "said": wiring.said,
-            "whyEdit": wiring.why_not_edit(),
-            "undo": wiring.can_undo,
-            "redo": wiring.can_redo,
-            "joining": wiring.joining,
             "running": running,
             "selected": wiring.selected,
             "kind": "part" if part is not None else {IN: "in", OUT: "out"}.get(wiring.selected, ""),
             "port": wiring.port[0] if wiring.port is not None else "",
             "name": part.name if part is not None else wiring.port[0] if wiring.port is not None else "",
-            "node": part.node if part is not None else "",
-            "wired": part is not None and files.get(part.node, "").endswith(".yaml"),
-            "known": part is not None and part.node in files,
-            "about": title,
-            "nodeProblem": problem,
+            "node": node,
+            "wired": files.get(node, "").endswith(".yaml"),
+            "known": node in files,
+            "about": known.title(node),
+            "nodeProblem": known.why_not(node),
             "title": graph.title if graph is not None else "",
             "every": "" if graph is None or graph.every is None else f"{graph.every:g}",
             "graphs": [each.name for each in code.nodes if each.file.endswith(".yaml")]
@@ -272,7 +219,7 @@ class GraphDesk(QObject):
                     "title": name if part is not None else "",
                     "node": part.node if part is not None else "",
                     "kind": "part" if part is not None else "in" if name == IN else "out",
-                    "problem": wiring.about(part.node)[1] if part is not None else "",
+                    "problem": wiring.known.why_not(part.node) if part is not None else "",
                     "active": active,
                     "selected": name == wiring.selected,
                 }

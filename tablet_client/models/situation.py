@@ -236,7 +236,7 @@ class Situation:
         self.launch.anew()
         self.deployments.anew()
         self.code.anew()
-        self.wiring.anew()
+        self.wiring.known.anew()
         self._link_news(item)
 
     def _call_done(self, item: arrivals.CallDone) -> None:
@@ -269,7 +269,7 @@ class Situation:
             self.signals.hear(item.answer.nodes)
         self.launch.take(item.call, item.answer)
         self.code.take(item.call, item.answer)
-        self.wiring.take(item.call, item.answer)
+        self.wiring.known.take(item.call, item.answer)
         self.node_parameters.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.service.take(item.call, item.answer)
@@ -304,7 +304,7 @@ class Situation:
             self.move.refused(item.why)
         if isinstance(item.call, messages.SaveTemplate):
             self.bench.saved = ("not_saved", item.why)
-        if self.wiring.failed(item.call, item.why) or self.node_parameters.failed(item.call, item.why):
+        if self.wiring.known.failed(item.call, item.why) or self.node_parameters.failed(item.call, item.why):
             return  # said where such a part is selected, and where the parameter is set
         if isinstance(item.call, messages.GetReach):
             self.bench.refused(item.why)
@@ -394,7 +394,7 @@ class Situation:
     def _code_changed(self, changed: messages.CodeChanged) -> None:
         self.deployments.changed(changed)
         self.code.anew()
-        self.wiring.anew()
+        self.wiring.known.anew()
         if changed.engine == (self.launch.engine or next(iter(self.deployments.engines), changed.engine)):
             self.launch.anew()
         self.note("info", "code_changed", changed.engine, changed.release.program, changed.release.by)

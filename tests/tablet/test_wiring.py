@@ -85,9 +85,9 @@ def wiring(code: Code) -> Wiring:
     wiring.watched = True
     while calls := list(wiring.want()):
         if calls[0].node in PORTS:
-            wiring.take(calls[0], ports(calls[0]))
+            wiring.known.take(calls[0], ports(calls[0]))
         else:
-            assert wiring.failed(calls[0], "expected one class that is a Node")
+            assert wiring.known.failed(calls[0], "expected one class that is a Node")
     return wiring
 
 
@@ -137,7 +137,7 @@ def test_ports_that_are_not_known_are_those_that_the_file_names(code):
     assert known["smooth", "wrench"] and known["halves", "result"] and ("smooth", "smooth") not in known
     wiring.watched = True
     (call,) = wiring.want()
-    wiring.take(call, NodePorts(node="low_pass", title="", every=None, ports=[]))
+    wiring.known.take(call, NodePorts(node="low_pass", title="", every=None, ports=[]))
     assert not next(each.known for each in wiring.picture.sockets if each.port == "wrench" and each.box == "smooth")
 
 
@@ -268,9 +268,9 @@ def test_title_and_period_are_typed_and_what_is_none_is_said(wiring):
 
 def test_what_is_no_node_is_not_offered_and_all_is_asked_anew_when_the_code_is_another(wiring):
     assert [name for name, _ in wiring.nodes()] == list(PORTS)
-    assert wiring.about("module") == ("", "expected one class that is a Node")
+    assert wiring.known.why_not("module") == "expected one class that is a Node" and not wiring.known.title("module")
     assert dict(wiring.nodes())["doubler"] == "What doubler does"
-    wiring.anew()
+    wiring.known.anew()
     assert [call.node for call in wiring.want()] == ["low_pass"]
     assert list(wiring.want()) == [], "one at a time"
 

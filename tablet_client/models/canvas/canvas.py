@@ -6,7 +6,7 @@ Every edit changes the text of the document that the code page has open, too: th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -16,7 +16,7 @@ from handrail import yaml_file
 from handrail.program_edit import ProgramText
 from tablet_client.models.canvas import picture
 from tablet_client.models.canvas.chart import Chart, State, read
-from tablet_client.models.canvas.history import History
+from tablet_client.models.canvas.editing import Editing
 from tablet_client.models.canvas.picture import Picture
 from tablet_client.models.code import Code, Document
 
@@ -26,71 +26,43 @@ TEXTS = ("title", "do", "outcome", "detail", "event", "cond", "target", "autonom
 """fields that are texts as they are typed"""
 
 
-class Canvas:
-    """What is drawn, and what one does with it. `said`: what was wrong with the last edit."""
+class Canvas(Editing[ProgramText, Chart, Picture]):
+    """What is drawn, and what one does with it."""
 
     def __init__(self, code: Code):
-        self._code = code
-        self.selected = ""
-        """a state"""
+        super().__init__(code)
         self.way = -1
-        """one of its transitions, from 0; -1: none"""
-        self.joining = False
-        """the next state that is touched is where a new way leads"""
-        self.said = ""
-        self.watched = False
-        """somebody looks"""
-        self._drawn: tuple[str, Chart | None, Picture | None, str] = ("", None, None, "")
-        self._history = History(code)
+        """one of the selected state's transitions, from 0; -1: none"""
 
     # ---------------------------------------------------------------------------------------------------------- shown
 
-    @property
-    def document(self) -> Document | None:
-        """The program that is open; None: none is, or it is not YAML."""
-        found = self._code.document
-        return found if found is not None and found.kind == "program" and found.loaded else None
+    def _shows(self, document: Document) -> bool:
+        return document.kind == "program"
+
+    def _why_never(self, document: Document) -> str:
+        if document.file.endswith((".yaml", ".yml")):
+            return ""
+        return f"{document.file}: expected a program in YAML; this one is edited as text"
+
+    def _open(self, text: str) -> ProgramText:
+        return ProgramText(text)
+
+    def _read(self, text: str) -> Chart:
+        return read(text)
+
+    def _lay_out(self, read: Chart) -> Picture:
+        return picture.of(read)
+
+    def _took(self, read: Chart) -> None:
+        if self.selected not in read.states:
+            self.select("")
+        elif self.way >= len(read.states[self.selected].ways):
+            self.way = -1
 
     @property
     def chart(self) -> Chart | None:
         """The program as it stands; of a text that can't be read the last one that could be."""
-        self._draw()
-        return self._drawn[1]
-
-    @property
-    def picture(self) -> Picture | None:
-        self._draw()
-        return self._drawn[2]
-
-    @property
-    def problem(self) -> str:
-        """Why the text as it stands can't be drawn."""
-        self._draw()
-        return self._drawn[3]
-
-    def _draw(self) -> None:
-        document = self.document
-        if document is None:
-            self._drawn = "", None, None, ""
-            return
-        seen = f"{document.key}\n{document.text}"
-        if seen == self._drawn[0]:
-            return
-        if not document.file.endswith((".yaml", ".yml")):
-            self._drawn = seen, None, None, f"{document.file}: expected a program in YAML; this one is edited as text"
-            return
-        try:
-            chart = read(document.text)
-            ProgramText(document.text)
-        except ValueError as problem:
-            same = self._drawn[0].startswith(f"{document.key}\n")
-            self._drawn = seen, *(self._drawn[1:3] if same else (None, None)), str(problem)
-            return
-        self._drawn = seen, chart, picture.of(chart), ""
-        if self.selected not in chart.states:
-            self.select("")
-        elif self.way >= len(chart.states[self.selected].ways):
-            self.way = -1
+        return self.read
 
     @property
     def state(self) -> State | None:
@@ -126,12 +98,6 @@ class Canvas:
             self.select(names[at % len(names)])
 
     # --------------------------------------------------------------------------------------------------------- edited
-
-    def why_not_edit(self) -> str:
-        """Code of the reason why nothing can be changed here."""
-        if self.document is None:
-            return "loading"
-        return "unsound" if self.problem else ""
 
     def add(self, *, within: bool = False) -> None:
         """A new state after the selected one, or in it."""
@@ -195,7 +161,7 @@ class Canvas:
         path: list[str | int] = ["transitions", way, field] if of_way else [field]
         had = state.ways[way].fields if of_way else state.fields
         try:
-            value = typed.strip() if field in TEXTS else self._read(field, typed)
+            value = typed.strip() if field in TEXTS else self._value(field, typed)
             self._sound(field, value)
         except ValueError as problem:
             self.said = f"{field}: {problem}"
@@ -225,7 +191,7 @@ class Canvas:
         self._edit(change)
 
     @staticmethod
-    def _read(field: str, typed: str) -> Any:
+    def _value(field: str, typed: str) -> Any:
         try:
             value = yaml_file.parse(typed) if typed.strip() else None
         except yaml_file.NotYAML as problem:
@@ -244,39 +210,6 @@ class Canvas:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not number or not 0.0 < value < math.inf:
                 raise ValueError(f"got {value!r}; expected a time in s above 0, or an expression")
-
-    def _edit(self, change: Callable[[ProgramText], object]) -> bool:
-        """False: it was refused, and `said` says why."""
-        document = self.document
-        if document is None or self.why_not_edit():
-            return False
-        self.said = ""
-        try:
-            text = ProgramText(document.text)
-            change(text)
-        except ValueError as problem:
-            self.said = str(problem)
-            return False
-        self._history.change(document, text.text)
-        return True
-
-    # -------------------------------------------------------------------------------------------------- and back again
-
-    @property
-    def can_undo(self) -> bool:
-        return self._history.can_undo(self.document)
-
-    @property
-    def can_redo(self) -> bool:
-        return self._history.can_redo(self.document)
-
-    def undo(self) -> None:
-        if self._history.undo(self.document):
-            self.said = ""
-
-    def redo(self) -> None:
-        if self._history.redo(self.document):
-            self.said = ""
 
 
 def _laid(text: ProgramText, state: str, path: list[str | int], had: Any, value: Any) -> None:

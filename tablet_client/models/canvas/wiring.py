@@ -7,17 +7,18 @@ is asked of the engine, for the parts of the node that is open first.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from handrail.graph_edit import GraphText
-from handrail.messages import GetNodePorts, Message, NodePort, NodePorts
+from handrail.messages import Message, NodePort
 from handrail.port_kinds import misfit
 from tablet_client.models.canvas import graph_picture
+from tablet_client.models.canvas.editing import Editing
 from tablet_client.models.canvas.graph import IN, OUT, Graph, Part, read
 from tablet_client.models.canvas.graph_picture import GraphPicture, Socket
-from tablet_client.models.canvas.history import History
+from tablet_client.models.canvas.node_ports import KnownPorts
 from tablet_client.models.canvas.picture import Point
 from tablet_client.models.code import Code, Document
 from tablet_client.models.given import Given, of_port
@@ -47,98 +48,56 @@ class Setting:
     """the own parameter that it gets its value from; empty: none"""
 
 
-class Wiring:
-    """What is drawn, and what one does with it. `said`: what was wrong with the last edit."""
+class Wiring(Editing[GraphText, Graph, GraphPicture]):
+    """What is drawn, and what one does with it. Selected is a part, IN or OUT."""
 
     def __init__(self, code: Code):
-        self._code = code
-        self.selected = ""
-        """a part, IN or OUT"""
+        super().__init__(code)
         self.port: tuple[str, bool] | None = None
-        """one of its ports, and whether something comes out of it there"""
-        self.joining = False
-        """the next port or box that is touched is where a new wire leads"""
-        self.said = ""
-        self.watched = False
-        """somebody looks"""
-        self._ports: dict[str, NodePorts] = {}
-        self._why: dict[str, str] = {}
-        """node → why its ports are not known"""
-        self._fresh: set[str] = set()
-        """nodes that were asked since the code was another one"""
-        self._news = 0
-        self._asked: GetNodePorts | None = None
-        self._engine = ""
-        self._drawn: tuple[tuple[Any, ...], Graph | None, GraphPicture | None, str] = ((), None, None, "")
-        self._history = History(code)
+        """a port of what is selected, and whether something comes out of it there"""
+        self.known = KnownPorts()
 
     # ---------------------------------------------------------------------------------------------------------- shown
 
-    @property
-    def document(self) -> Document | None:
-        """The composite that is open; None: none is."""
-        found = self._code.document
-        wired = found is not None and found.kind == "node" and found.file.endswith(".yaml")
-        return found if wired and found is not None and found.loaded else None
+    def _shows(self, document: Document) -> bool:
+        return document.kind == "node" and document.file.endswith(".yaml")
+
+    def _open(self, text: str) -> GraphText:
+        return GraphText(text)
+
+    def _read(self, text: str) -> Graph:
+        return read(text)
+
+    def _lay_out(self, read: Graph) -> GraphPicture:
+        return graph_picture.of(read, self.known.all)
+
+    def _news(self) -> int:
+        return self.known.news
+
+    def _took(self, read: Graph) -> None:
+        if self.selected not in (IN, OUT, *read.parts):
+            self.select("")
 
     @property
     def graph(self) -> Graph | None:
-        """It as it stands; of a text that can't be read the last one that could be."""
-        self._draw()
-        return self._drawn[1]
-
-    @property
-    def picture(self) -> GraphPicture | None:
-        self._draw()
-        return self._drawn[2]
-
-    @property
-    def problem(self) -> str:
-        """Why the text as it stands can't be drawn."""
-        self._draw()
-        return self._drawn[3]
-
-    def _draw(self) -> None:
-        document = self.document
-        if document is None:
-            self._drawn = (), None, None, ""
-            return
-        seen = (document.key, document.text, self._news)
-        if seen == self._drawn[0]:
-            return
-        try:
-            graph = read(document.text)
-            GraphText(document.text)
-        except ValueError as problem:
-            same = self._drawn[0][:1] == seen[:1]
-            self._drawn = seen, *(self._drawn[1:3] if same else (None, None)), str(problem)
-            return
-        known = {node: each.ports for node, each in self._ports.items()}
-        self._drawn = seen, graph, graph_picture.of(graph, known), ""
-        if self.selected not in (IN, OUT, *graph.parts):
-            self.select("")
+        """The node as it stands; of a text that can't be read the last one that could be."""
+        return self.read
 
     @property
     def part(self) -> Part | None:
         graph = self.graph
         return graph.parts.get(self.selected) if graph is not None else None
 
-    def about(self, node: str) -> tuple[str, str]:
-        """What a node of the library does, and why its ports are not known (empty: they are, or are being asked)."""
-        told = self._ports.get(node)
-        return (told.title if told is not None else ""), self._why.get(node, "")
-
     def ports(self, part: str, way: str) -> list[NodePort]:
         """A part's; none where they are not known."""
         graph = self.graph
-        told = self._ports.get(graph.parts[part].node) if graph is not None and part in graph.parts else None
-        return [port for port in told.ports if port.way == way] if told is not None else []
+        return self.known.of(graph.parts[part].node, way) if graph is not None and part in graph.parts else []
 
     def nodes(self) -> list[tuple[str, str]]:
         """Nodes of the library that can be a part, with what they do; a file of the library that is none is left out."""
         own = self.document.name if self.document is not None else ""
-        names = [each.name for each in self._code.nodes if each.name != own and each.name not in self._why]
-        return [(name, self.about(name)[0]) for name in names]
+        names = [each.name for each in self._code.nodes if each.name != own and not self.known.why_not(each.name)]
+        return [(name, self.known.title(name)) for name in names]
 
     def settings(self) -> list[Setting]:
         """The selected part's parameters."""
@@ -217,11 +176,7 @@ class Wiring:
 
     def why_not_edit(self) -> str:
         """Code of the reason why nothing can be changed here."""
-        if self.document is None:
-            return "loading"
-        if self.document.builtin:
-            return "builtin"
-        return "unsound" if self.problem else ""
+        return "builtin" if self.document is not None and self.document.builtin else super().why_not_edit()
 
     def add(self, node: str) -> None:
         """A node of the library as one more part."""
@@ -381,78 +336,16 @@ class Wiring:
         taken = {*graph.inputs, *graph.params, *graph.outputs} if graph is not None else set()
         return _free(like, taken)
 
-    def _edit(self, change: Callable[[GraphText], object], subject: str = "") -> bool:
-        """False: it was refused, and `said` says why."""
-        document = self.document
-        if document is None or self.why_not_edit():
-            return False
-        self.said = ""
-        try:
-            text = GraphText(document.text)
-            change(text)
-        except ValueError as problem:
-            self.said = str(problem)
-            return False
-        self._history.change(document, text.text, subject)
-        return True
-
-    # -------------------------------------------------------------------------------------------------- and back again
-
-    @property
-    def can_undo(self) -> bool:
-        return self._history.can_undo(self.document)
-
-    @property
-    def can_redo(self) -> bool:
-        return self._history.can_redo(self.document)
-
-    def undo(self) -> None:
-        if self._history.undo(self.document):
-            self.said = ""
-
-    def redo(self) -> None:
-        if self._history.redo(self.document):
-            self.said = ""
-
     # ------------------------------------------------------------------------------------------------------- its calls
 
     def want(self) -> Iterator[Message]:
-        """The call that is due, one at a time: each loads a node's file at the engine."""
-        if self._code.engine != self._engine:
-            self._engine, self._ports = self._code.engine, {}
-            self.anew()
+        """The call that is due: the ports of its parts first, then of all nodes that could be one."""
+        self.known.at(self._code.engine)
         graph = self.graph
-        if not self.watched or graph is None or self._asked is not None:
-            return
-        for node in (*(part.node for part in graph.parts.values()), *(name for name, _ in self.nodes())):
-            if node and node not in self._fresh and node not in self._why:
-                self._asked = GetNodePorts(node=node, engine=self._engine)
-                yield self._asked
-                return
-
-    def take(self, call: Message, answer: Any) -> None:
-        """An answer to one of these calls; others count for nothing."""
-        if call is self._asked and isinstance(answer, NodePorts):
-            self._asked = None
-            self._ports[answer.node] = answer
-            self._fresh.add(answer.node)
-            self._news += 1
-
-    def failed(self, call: Message, why: str) -> bool:
-        """One of them was refused, or not answered; False: it was none of these."""
-        if call is not self._asked or not isinstance(call, GetNodePorts):
-            return False
-        self._asked = None
-        self._why[call.node] = why
-        self._ports.pop(call.node, None)
-        self._news += 1
-        return True
-
-    def anew(self) -> None:
-        """The engine has come back, or has other code: ask everything again, and draw what was known until then."""
-        self._why, self._asked = {}, None
-        self._fresh.clear()
-        self._news += 1
+        if self.watched and graph is not None:
+            yield from self.known.want(
+                (*(each.node for each in graph.parts.values()), *(name for name, _ in self.nodes()))
+            )
 
 
 def _why_not(source: NodePort | None, target: NodePort | None) -> str:

@@ -34,6 +34,7 @@ from handrail.messages import (
     GetEngine,
     GetIdentity,
     GetInstances,
+    GetNodePorts,
     GetRobot,
     GetSamples,
     GetStatus,
@@ -78,7 +79,7 @@ EVENTS = (
     PortValue,
 )
 
-_LONG = (MakePlan, PlanMotion, CheckTask, ListRecordings, GetSamples)
+_LONG = (MakePlan, PlanMotion, CheckTask, ListRecordings, GetSamples, GetNodePorts)
 _GONE = 0.08  # s after which a place sent by hand counts as taken: it is answered only when the robot is there
 _HEARTBEAT = 1.0  # s
 _RETRY = 1.0  # s

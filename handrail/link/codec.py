@@ -225,6 +225,7 @@ _TIMEOUTS_S: dict[type, float] = {
     SaveNode: 60.0,
     RollBack: 60.0,
     StartNode: 60.0,
+    GetNodePorts: 60.0,
     ReloadNode: 60.0,
     PutNode: 30.0,
     ListRecordings: 20.0,

@@ -130,8 +130,15 @@ class LibraryDesk(QObject):
         if call is not None:
             self._send(call)
 
+    @Slot(str, str)
+    def bring(self, what: str, engine: str) -> None:
+        """Have what was deployed to the engine that is looked at at another one, too; nothing while `why` says why not."""
+        if not self.why("bring"):
+            self._situation.bringing.begin(what, self._situation.deployments.chosen, engine)
+            self._soon()
+
     def why(self, command: str) -> str:
-        """Code of the reason why `run`, `check`, `set` or `roll_back` can't be done now; empty when it can."""
+        """Code of the reason why `run`, `check`, `set`, `roll_back` or `bring` can't be done now; empty when it can."""
         situation = self._situation
         if situation.only_looks:
             return situation.only_looks
@@ -139,6 +146,8 @@ class LibraryDesk(QObject):
             return "no_robot"
         if not situation.link.engine:
             return "no_engine"
+        if command == "bring":
+            return "sending" if situation.bringing.busy else ""
         if command == "roll_back":
             info = situation.deployments.engines.get(situation.deployments.chosen)
             if info is None or not info.up:
@@ -177,7 +186,11 @@ class LibraryDesk(QObject):
 
     def want(self) -> list[Message]:
         """The calls that are due."""
-        return self._situation.launch.want(self._resources()) + self._situation.deployments.want()
+        return (
+            self._situation.launch.want(self._resources())
+            + self._situation.deployments.want()
+            + self._situation.bringing.want()
+        )
 
     def build(self) -> None:
         """Look at the models anew."""
@@ -218,7 +231,9 @@ class LibraryDesk(QObject):
             "deployed": launch.deployment is not None,
             "warnings": list(launch.deployment.warnings) if launch.deployment else [],
             "check": self._check(),
-            "why": {name: self.why(name) for name in (*GOALS, "set", "roll_back")},
+            "why": {name: self.why(name) for name in (*GOALS, "set", "roll_back", "bring")},
+            "others": self._others(),
+            "brought": dict(zip(("code", "what", "engine", "why"), self._situation.bringing.said, strict=True)),
             "engine": self._situation.deployments.chosen,
             "engineProblem": self._situation.deployments.problem,
             "runs": self._runs(),
@@ -226,6 +241,11 @@ class LibraryDesk(QObject):
         if view != self._view:
             self._view = view
             self.changed.emit()
+
+    def _others(self) -> list[str]:
+        """Engines that are there, but for the one that is looked at."""
+        deployments = self._situation.deployments
+        return [each.name for each in deployments.engines.values() if each.up and each.name != deployments.chosen]
 
     def _build_engines(self) -> None:
         deployments = self._situation.deployments

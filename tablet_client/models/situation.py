@@ -11,6 +11,7 @@ from handrail.engines import FIRST
 from handrail.messages import AnswerPrompt, Message
 from tablet_client.models import arrivals
 from tablet_client.models.bench import Bench
+from tablet_client.models.bringing import Bringing
 from tablet_client.models.canvas.canvas import Canvas
 from tablet_client.models.canvas.wiring import Wiring
 from tablet_client.models.clouds import Clouds
@@ -75,6 +76,7 @@ class Situation:
         self.code = Code()
         self.canvas = Canvas(self.code)
         self.wiring = Wiring(self.code)
+        self.bringing = Bringing()
         self.node_parameters = NodeParameters(self.code)
         self.pending: set[str] = set()
         """types of the calls that are on their way"""
@@ -186,6 +188,7 @@ class Situation:
             self.task.tree.detached()
             self.bench.detached()
             self.node_parameters.anew()
+            self.bringing.anew()
         if isinstance(item, arrivals.Unanswered):
             self.pending.clear()
             self.service.anew()
@@ -270,6 +273,7 @@ class Situation:
         self.launch.take(item.call, item.answer)
         self.code.take(item.call, item.answer)
         self.wiring.known.take(item.call, item.answer)
+        self.bringing.take(item.call, item.answer)
         self.node_parameters.take(item.call, item.answer)
         self.deployments.take(item.call, item.answer)
         self.service.take(item.call, item.answer)
@@ -304,6 +308,8 @@ class Situation:
             self.move.refused(item.why)
         if isinstance(item.call, messages.SaveTemplate):
             self.bench.saved = ("not_saved", item.why)
+        if self.bringing.failed(item.call, item.why, refused=item.refused):
+            return  # said where it was asked for
         if self.wiring.known.failed(item.call, item.why) or self.node_parameters.failed(item.call, item.why):
             return  # said where such a part is selected, and where the parameter is set
         if isinstance(item.call, messages.GetReach):

@@ -70,24 +70,56 @@ Flickable {
         Line {
             visible: held.count === 0
             color: Theme.muted
-            text: qsTr("Nothing: it runs the programs that it was installed with. Bring it others with: handrail deploy PROGRAM")
+            text: qsTr("Nothing: it runs the programs that it was installed with. Save one under Canvas or Code, or bring it others with: handrail deploy PROGRAM")
         }
         Repeater {
             id: held
             model: desk.library.held
-            Line {
+            ColumnLayout {
+                id: one
                 required property string program
                 required property string bundle
                 required property int number
                 required property string by
                 required property string since
                 required property string match
-                objectName: "held_" + program
-                text: (number ? qsTr("%1 %2: release %3, by %4, %5").arg(Words.name(program)).arg(bundle).arg(number).arg(by).arg(since)
+                Layout.fillWidth: true
+                spacing: Theme.tight
+                Line {
+                    objectName: "held_" + one.program
+                    color: one.match === "differs" ? Theme.warning : Theme.text
+                    text: one.words
+                }
+                Flow {
+                    visible: flick.view.others.length > 0
+                    Layout.fillWidth: true
+                    spacing: Theme.tight
+                    Repeater {
+                        model: flick.view.others
+                        ActionButton {
+                            required property string modelData
+                            objectName: "bring_" + one.program + "_" + modelData
+                            text: qsTr("Deploy to %1").arg(modelData)
+                            enabled: flick.view.why.bring === ""
+                            Accessible.name: qsTr("Deploy %1 to %2, as it is here").arg(Words.name(one.program)).arg(modelData)
+                            onClicked: desk.library.bring(one.program, modelData)
+                        }
+                    }
+                }
+                readonly property string words: (number ? qsTr("%1 %2: release %3, by %4, %5").arg(Words.name(program)).arg(bundle).arg(number).arg(by).arg(since)
                               : qsTr("%1 %2: older than what is kept").arg(Words.name(program)).arg(bundle))
                       + (Words.match(match) ? ", " + Words.match(match) : "")
-                color: match === "differs" ? Theme.warning : Theme.text
             }
+        }
+        Line {
+            objectName: "brought"
+            visible: flick.view.brought.code !== ""
+            readonly property var brought: flick.view.brought
+            text: brought.code === "brought" ? qsTr("%1 is at %2 now, as a release of its own.").arg(Words.name(brought.what)).arg(brought.engine)
+                : brought.code === "bringing" ? qsTr("%1 is being brought to %2 …").arg(Words.name(brought.what)).arg(brought.engine)
+                : brought.why ? qsTr("%1 was not brought to %2: %3").arg(Words.name(brought.what)).arg(brought.engine).arg(brought.why)
+                : qsTr("%1 was not brought to %2: the link was lost").arg(Words.name(brought.what)).arg(brought.engine)
+            color: brought.code === "not_brought" ? Theme.danger : Theme.muted
         }
 
         Caption { visible: releases.count > 0; text: qsTr("Releases") }
